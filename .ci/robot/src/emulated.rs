@@ -23,7 +23,7 @@ pub fn start(skin: &Skin) -> Result<Emulator, Box<dyn Error>> {
     let raster = finer.raster(&mut Progress::silent())?;
     let made = finer.simulated_fabric()?.simulate(&script, &raster, &how, &mut |_| {})?;
     let frames = PlayedFrames::Values(&made.frames_v);
-    let content = Content { frames, serial: "1", seed: 1, scan_share: 0.0 };
+    let content = Content { frames, serial: "1", seed: 1, scan_share: 0.0, hold: None };
     let instrument = skin.instrument()?;
     let device = device(skin, &instrument, &content, &mut Progress::silent())?;
     let anywhere = Listen::Tcp("127.0.0.1:0".to_owned());

@@ -113,9 +113,10 @@ pub fn session_record(
     }
 }
 
-/// Returns the record of a reference of these frames; `None` of none.
+/// Returns the record of a reference of these frames; `None` of none. Frames after `until` were searched for touches, else those after
+/// the reference.
 #[cfg(feature = "recording")]
-pub fn reference_record(frames: &[Frame]) -> Option<ReferenceRecord> {
+pub fn reference_record(frames: &[Frame], until: Option<u64>) -> Option<ReferenceRecord> {
     let first = frames.first()?;
     let mean = |i: usize| {
         let values = frames.iter().map(|frame| frame.values.get(i).copied().unwrap_or(f64::NAN));
@@ -125,6 +126,7 @@ pub fn reference_record(frames: &[Frame]) -> Option<ReferenceRecord> {
         epoch: first.epoch,
         values: (0..first.values.len()).map(mean).collect(),
         sequences: frames.iter().map(|frame| frame.sequence).collect(),
+        until,
     })
 }
 
@@ -137,5 +139,5 @@ pub fn reference_record(frames: &[Frame]) -> Option<ReferenceRecord> {
 #[cfg(feature = "recording")]
 pub fn write_reference(writer: &mut CaptureWriter, frames: &[Frame]) -> Result<(), HwError> {
     frames.iter().try_for_each(|frame| writer.frame(frame))?;
-    reference_record(frames).map_or(Ok(()), |record| writer.reference(&record))
+    reference_record(frames, None).map_or(Ok(()), |record| writer.reference(&record))
 }

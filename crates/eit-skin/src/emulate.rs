@@ -1,6 +1,9 @@
 //! Emulates the instrument of a scene: what it measures, and the device that sends it.
 
 mod arrange;
+mod hold;
+
+pub use self::hold::Hold;
 
 use self::arrange::arranged;
 use crate::error::SkinError;
@@ -32,13 +35,20 @@ struct Played {
     random: Random,
     /// When each value is measured, from half a frame before the frame's time to half a frame after it.
     shifts: Vec<f64>,
+    hold: Option<Hold>,
+    /// Number of the last frame, and its place in the loop.
+    last: (u64, u64),
 }
 
 impl Played {
     /// Value `index` of frame `number`, between those of the nearest frames of the loop.
     fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
+        if self.last.0 != number {
+            let frame = self.hold.as_ref().map_or(number, |hold| hold.next(number));
+            self.last = (number, frame);
+        }
         let rows = self.real.nrows();
-        let (row, shift) = ((number % rows as u64) as usize, self.shifts[index]);
+        let (row, shift) = ((self.last.1 % rows as u64) as usize, self.shifts[index]);
         let other = if shift < 0.0 { row.saturating_sub(1) } else { (row + 1).min(rows - 1) };
         let between = |parts: &Array2<f64>| {
             let value = parts[[row, index]];
@@ -89,6 +99,8 @@ pub struct Content<'a> {
     /// Time from the first to the last drive of a scan as a share of the time between frames, 0 to 1: values of a drive
     /// lie between those of two frames of a file. 0: all drives at once.
     pub scan_share: f64,
+    /// Holds the loop at its first frames.
+    pub hold: Option<&'a Hold>,
 }
 
 /// Builds the device that the scene's driver talks to.
@@ -116,10 +128,13 @@ pub fn device(
             noise: 0.0,
             random: Random::new(0),
             shifts: Vec::new(),
+            hold: None,
+            last: (0, 0),
         },
         PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
     played.shifts = shifts(&wanted, content.scan_share);
+    played.hold = content.hold.cloned();
     match &instrument.kind {
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
         DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
@@ -191,6 +206,8 @@ fn from_model(
         noise: skin.settings.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
         random: Random::stream(seed, 0x0a02_bdbf_7bb3_c0a7),
         shifts: Vec::new(),
+        hold: None,
+        last: (0, 0),
     })
 }
 
@@ -218,7 +235,9 @@ fn from_file(
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };
-    Ok(Played { real, imaginary, noise: 0.0, random: Random::new(0), shifts: Vec::new() })
+    let random = Random::new(0);
+    let (shifts, hold) = (Vec::new(), None);
+    Ok(Played { real, imaginary, noise: 0.0, random, shifts, hold, last: (0, 0) })
 }
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
@@ -325,6 +344,8 @@ mod tests {
             noise: 0.0,
             random: Random::new(0),
             shifts: shifts(&quadruples, 0.75),
+            hold: None,
+            last: (0, 0),
         };
         // three drives: a quarter of a frame before, at and after its time
         for (number, wanted) in

@@ -78,7 +78,7 @@ pub trait LiveObserver {
         Ok(())
     }
 
-    /// Called while the reference is taken, with the number of frames that are still needed.
+    /// Called while the reference is taken, with the number of frames that are still needed: at least 1 until touches can be found.
     ///
     /// # Errors
     ///
@@ -87,13 +87,18 @@ pub trait LiveObserver {
         Ok(())
     }
 
-    /// Called when a reference has been taken, with its frames and what they say about the scene
-    /// ([`LiveStream::notes`]).
+    /// Called when a reference has been taken, with its frames, what they say about the scene ([`LiveStream::notes`]), and the number
+    /// of the last frame that is not searched for touches.
     ///
     /// # Errors
     ///
     /// Any error ends the loop.
-    fn reference(&mut self, _taken: &[Frame], _notes: &[String]) -> Result<(), Self::Error> {
+    fn reference(
+        &mut self,
+        _taken: &[Frame],
+        _notes: &[String],
+        _until: Option<u64>,
+    ) -> Result<(), Self::Error> {
         Ok(())
     }
 
@@ -307,7 +312,7 @@ fn wait<O: LiveObserver>(
         summary.references += 1;
         summary.images.how = stream.image_text().to_owned();
         stream.notes().iter().for_each(|note| summary.say(note.clone()));
-        observer.reference(stream.reference_frames(), stream.notes())?;
+        observer.reference(stream.reference_frames(), stream.notes(), stream.until())?;
     }
     Ok(())
 }

@@ -20,7 +20,7 @@ pub(super) fn run(args: &EmulateArgs) -> Result<Answer, CliError> {
     }
     let frames = args.frames.as_deref().map_or(PlayedFrames::Untouched, PlayedFrames::File);
     let (serial, seed, scan_share) = (args.serial.as_str(), args.seed, args.scan_share);
-    let content = Content { frames, serial, seed, scan_share };
+    let content = Content { frames, serial, seed, scan_share, hold: None };
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let device = emulate::device(&skin, &instrument, &content, &mut progress)?;

@@ -34,10 +34,10 @@ impl Recordings {
         Self { tape, folder, stem, session, reference, file: None, is_fixed: false }
     }
 
-    /// Takes the frames of a new reference; none after a lost connection.
-    pub(super) fn set_reference(&mut self, taken: &[Frame]) {
+    /// Takes the frames of a new reference, none after a lost connection, and the number of the last frame without a search.
+    pub(super) fn set_reference(&mut self, taken: &[Frame], until: Option<u64>) {
         self.reference = taken.to_vec();
-        if let Some(record) = reference_record(taken) {
+        if let Some(record) = reference_record(taken, until) {
             self.tape.write(|| Entry::Reference(record));
         }
     }

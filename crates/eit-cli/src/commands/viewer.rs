@@ -122,7 +122,7 @@ impl LiveObserver for Viewer<'_> {
         self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.event(event))?;
         self.silence.follow(event);
         if let (Event::Reconnected { .. }, Some(recordings)) = (event, &mut self.recordings) {
-            recordings.set_reference(&[]);
+            recordings.set_reference(&[], None);
         }
         if let Event::Gap { frames } | Event::Skipped { frames } = event {
             self.terminal.lost = self.terminal.lost.saturating_add(*frames);
@@ -145,8 +145,13 @@ impl LiveObserver for Viewer<'_> {
         Ok(self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.waiting(left))?)
     }
 
-    fn reference(&mut self, taken: &[Frame], notes: &[String]) -> Result<(), CliError> {
-        self.recordings.iter_mut().for_each(|recordings| recordings.set_reference(taken));
+    fn reference(
+        &mut self,
+        taken: &[Frame],
+        notes: &[String],
+        until: Option<u64>,
+    ) -> Result<(), CliError> {
+        self.recordings.iter_mut().for_each(|recordings| recordings.set_reference(taken, until));
         for note in notes {
             self.terminal.news(note);
             self.publisher.as_mut().map_or(Ok(()), |publisher| publisher.notice(note))?;

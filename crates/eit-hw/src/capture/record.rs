@@ -110,6 +110,10 @@ pub struct ReferenceRecord {
     /// Sequence numbers of these frames, in their order; empty if not known.
     #[serde(default, deserialize_with = "bounded", skip_serializing_if = "Vec::is_empty")]
     pub sequences: Vec<u64>,
+    /// Number of the last frame that was not searched for touches, because their detector was not set up; `None`: the last of
+    /// `sequences`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<u64>,
 }
 
 /// The touches of one frame, also of an untouched one: the JSON object that other outputs have for a frame, with at least `sequence` and

@@ -152,7 +152,7 @@ impl Replay {
                     }
                     Ok(Some(Entry::Reference(taken))) if !taken.sequences.is_empty() => {
                         let epoch = first_epoch.saturating_add(taken.epoch);
-                        Event::Reference { epoch, sequences: taken.sequences }
+                        Event::Reference { epoch, sequences: taken.sequences, until: taken.until }
                     }
                     // touches, and references whose frames are not known, are computed again
                     Ok(Some(_)) => continue,
@@ -222,11 +222,11 @@ impl Replay {
     /// Returns the number of frames in the recorded reference of the first epoch; `None` without one, or if
     /// it is not found ahead.
     pub fn reference_frames(&mut self) -> Option<usize> {
-        self.find_reference(None).map(|sequences| sequences.len())
+        self.find_reference(None).map(|(sequences, _)| sequences.len())
     }
 
     /// Reads ahead for the reference of an epoch, or of that of the next frame.
-    fn find_reference(&mut self, mut wanted: Option<u32>) -> Option<&mut Vec<u64>> {
+    fn find_reference(&mut self, mut wanted: Option<u32>) -> Option<(&mut Vec<u64>, Option<u64>)> {
         let (mut bytes, mut at) = (0, 0);
         while self.has_references && bytes <= MOST_AHEAD_BYTES {
             if at == self.ahead.len() {
@@ -241,7 +241,9 @@ impl Replay {
                 }
                 Event::Reference { epoch, .. } if Some(*epoch) == wanted => {
                     return match self.ahead.get_mut(at) {
-                        Some(Ok(Event::Reference { sequences, .. })) => Some(sequences),
+                        Some(Ok(Event::Reference { sequences, until, .. })) => {
+                            Some((sequences, *until))
+                        }
                         _ => None,
                     };
                 }
@@ -290,11 +292,10 @@ impl Replay {
             before => {
                 self.statistics.reconnections += u32::from(before.is_some());
                 // what remains in its place is empty
-                let named = self.find_reference(Some(epoch)).map(std::mem::take);
-                [
-                    before.map(|_| Event::Reconnected { epoch }),
-                    named.map(|sequences| Event::Reference { epoch, sequences }),
-                ]
+                let named = self.find_reference(Some(epoch)).map(|(named, until)| {
+                    Event::Reference { epoch, sequences: std::mem::take(named), until }
+                });
+                [before.map(|_| Event::Reconnected { epoch }), named]
             }
         };
         if news.iter().any(Option::is_some) {
@@ -330,14 +331,14 @@ impl FrameSource for Replay {
             };
             let frame = match event.inspect_err(|_| self.is_over = true)? {
                 Event::Frame(frame) => frame,
-                Event::Reference { epoch, sequences } => {
+                Event::Reference { epoch, sequences, until } => {
                     // a recording may begin later than the reference it holds: that is no loss, and no pause
                     self.last = self.last.map(|(_, epoch)| (u64::MAX, epoch));
                     self.start = None;
                     if sequences.is_empty() || !self.has_references {
                         continue;
                     }
-                    return Ok(Some(Event::Reference { epoch, sequences }));
+                    return Ok(Some(Event::Reference { epoch, sequences, until }));
                 }
                 event => return Ok(Some(event)),
             };

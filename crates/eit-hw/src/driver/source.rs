@@ -82,6 +82,8 @@ pub enum Event {
         epoch: u32,
         /// Their sequence numbers.
         sequences: Vec<u64>,
+        /// Number of the last frame that was not searched for touches; `None`: the last of these frames.
+        until: Option<u64>,
     },
 }
 

@@ -26,7 +26,12 @@ fn entries(count: u64) -> Vec<Entry> {
         }
     }
     let values = vec![Some(0.1 + 0.2), None];
-    entries.push(Entry::Reference(ReferenceRecord { epoch: 3, values, sequences: vec![3, 5] }));
+    entries.push(Entry::Reference(ReferenceRecord {
+        epoch: 3,
+        values,
+        sequences: vec![3, 5],
+        until: Some(7),
+    }));
     entries
 }
 
@@ -217,7 +222,8 @@ fn a_second_run_is_another_epoch() {
     for start in runs {
         let mut writer = start(&path, &session(), settings()).unwrap();
         (0..3).for_each(|sequence| writer.frame(&frame(sequence)).unwrap());
-        let taken = ReferenceRecord { epoch: 0, values: Vec::new(), sequences: vec![0, 1] };
+        let taken =
+            ReferenceRecord { epoch: 0, values: Vec::new(), sequences: vec![0, 1], until: Some(1) };
         writer.reference(&taken).unwrap();
         [7, 9].iter().for_each(|&sequence| writer.frame(&frame(sequence)).unwrap());
         writer.finish().unwrap();
@@ -231,7 +237,9 @@ fn a_second_run_is_another_epoch() {
         reported.push(match event {
             Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
             Event::Reconnected { epoch } => format!("epoch {epoch}"),
-            Event::Reference { epoch, sequences } => format!("{epoch}: {sequences:?}"),
+            Event::Reference { epoch, sequences, until } => {
+                format!("{epoch}: {sequences:?} {until:?}")
+            }
             Event::Gap { frames } => format!("{frames} lost"),
             other => panic!("{other:?}"),
         });
@@ -239,7 +247,15 @@ fn a_second_run_is_another_epoch() {
     let run = |epoch: u32| {
         let frame = |sequence: u64| format!("{epoch}.{sequence}");
         let [first, second, third, fourth, last] = [0, 1, 2, 7, 9].map(frame);
-        [format!("{epoch}: [0, 1]"), first, second, third, fourth, "1 lost".to_owned(), last]
+        [
+            format!("{epoch}: [0, 1] Some(1)"),
+            first,
+            second,
+            third,
+            fourth,
+            "1 lost".to_owned(),
+            last,
+        ]
     };
     let wanted = [&run(0)[..], &["epoch 1".to_owned()], &run(1)].concat();
     assert_eq!(reported, wanted);

@@ -4,6 +4,7 @@ use super::experiment::Experiment;
 use super::{FrameWatcher, Stage};
 use crate::error::ReportError;
 use crate::watched::{Kept, record_of};
+use eit_hw::Frame;
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use eit_hw::driver::{Event, Session};
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
@@ -11,7 +12,7 @@ use eit_inverse::touch::{Touch, TouchState};
 use eit_skin::Progress;
 use eit_skin::Steps;
 use eit_skin::connect::{self, Backlog};
-use eit_skin::emulate::{self, Content, PlayedFrames};
+use eit_skin::emulate::{self, Content, Hold, PlayedFrames};
 use eit_skin::live::{LiveModel, LiveObserver, REFERENCE_FRAMES, Summary, TouchFrame};
 use eit_skin::scene::Instrument;
 use eit_skin::text::event_text;
@@ -60,14 +61,16 @@ pub(super) fn run(
     let wanted = frames.saturating_sub(REFERENCE_FRAMES);
     progress.steps(experiment.stages[1], wanted, |bar| {
         let own = folder.join(experiment.folder);
-        let mut wire = connect(model, instrument, &own.join("frames.npy"))?;
+        let hold = Hold::of_first(REFERENCE_FRAMES as u64);
+        let mut wire = connect(model, instrument, &own.join("frames.npy"), &hold)?;
         let record = connect::session_record(&model.skin().scene_toml, instrument, &wire.session);
         let place = folder.join(experiment.recording);
         let writer = CaptureWriter::create(&place, &record, CaptureSettings::default())?;
         let mut watcher = Demo {
             writer,
             kept: Kept::new(&own)?,
-            wanted: wanted as u64,
+            hold,
+            wanted,
             goes_on,
             bar,
             last: Instant::now(),
@@ -88,7 +91,7 @@ pub(super) fn run(
             return Err(failure);
         }
         Ok(LiveRun {
-            is_whole: summary.frames == wanted as u64,
+            is_whole: pile.frames.len() == wanted,
             frames: pile.frames,
             raw: stacked(&pile.raw)?,
             made: stacked(&pile.made)?,
@@ -109,9 +112,14 @@ fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
 
 /// Starts the instrument on a pseudo-terminal and opens it; if that fails, uses TCP and gives the
 /// reason.
-fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
+fn connect(
+    model: &LiveModel,
+    instrument: &Instrument,
+    frames: &Path,
+    hold: &Hold,
+) -> Result<Wire, ReportError> {
     let frames = PlayedFrames::File(frames);
-    let content = Content { frames, serial: "demo", seed: 0, scan_share: 0.0 };
+    let content = Content { frames, serial: "demo", seed: 0, scan_share: 0.0, hold: Some(hold) };
     let open = |listen: &Listen, line: &str| {
         let mut silent = Progress::silent();
         let device = emulate::device(model.skin(), instrument, &content, &mut silent)?;
@@ -152,7 +160,10 @@ fn on_terminal(
 struct Demo<'a, 'b> {
     writer: CaptureWriter,
     kept: Kept,
-    wanted: u64,
+    /// The fingers, which wait until the reference has been taken.
+    hold: Hold,
+    /// Number of frames of the script after those of the reference.
+    wanted: usize,
     goes_on: &'a (dyn Fn() -> bool + Sync),
     bar: &'a Steps<'b>,
     /// Time of the last frame.
@@ -202,24 +213,37 @@ impl LiveObserver for Demo<'_, '_> {
         true
     }
 
+    fn reference(
+        &mut self,
+        taken: &[Frame],
+        _: &[String],
+        until: Option<u64>,
+    ) -> Result<(), ReportError> {
+        self.hold.release();
+        let record = connect::reference_record(taken, until);
+        Ok(record.map_or(Ok(()), |record| self.writer.reference(&record))?)
+    }
+
     fn frame(&mut self, shown: &TouchFrame<'_>) -> Result<(), ReportError> {
         self.kept.take(shown)?;
         if let Some((name, model, watcher)) = self.watch {
             watcher(name, model, shown);
         }
         self.writer.write(&record_of(shown)?)?;
-        let Some(images) = shown.images else { return Ok(()) };
+        let (Some(images), Some(frame)) = (shown.images, self.hold.frame(shown.sequence)) else {
+            return Ok(());
+        };
         let made = images.raster().image_from_pixels(images.pixels())?;
         let raw = match images.raw() {
             Some(raw) => images.raster().image_from_pixels(raw)?,
             None => made.clone(),
         };
         let alive = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
-        self.pile.frames.push(shown.sequence as usize);
+        self.pile.frames.push(frame as usize);
         self.pile.raw.push(raw);
         self.pile.made.push(made);
         self.pile.touches.push(alive.copied().collect());
-        self.bar.set_position(shown.number as usize + 1);
+        self.bar.set_position(self.pile.frames.len());
         Ok(())
     }
 
@@ -228,7 +252,7 @@ impl LiveObserver for Demo<'_, '_> {
         Ok(self.writer.write(&record_of(last)?)?)
     }
 
-    fn goes_on(&mut self, summary: &Summary) -> bool {
-        summary.frames < self.wanted && self.failure.is_none() && (self.goes_on)()
+    fn goes_on(&mut self, _: &Summary) -> bool {
+        self.pile.frames.len() < self.wanted && self.failure.is_none() && (self.goes_on)()
     }
 }

@@ -409,9 +409,10 @@ fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
     };
     Ok(Some(draw_plot(&Plot {
         title: "From the last byte of a frame to its image and touches".to_owned(),
-        footnote: "on this computer, under its normal load; includes frames that wait for earlier \
-                   frames or for the set-up after the reference"
-            .to_owned(),
+        footnote:
+            "on this computer, under its normal load; includes frames that wait for the images of \
+                   earlier ones"
+                .to_owned(),
         x_label: "time (ms)".to_owned(),
         y_label: "frames".to_owned(),
         x_log: true,

@@ -13,13 +13,16 @@ use eit_hw::driver::{Event, FrameSource, Setup};
 use eit_hw::{Frame, Unit};
 use eit_inverse::touch::{Touch, TouchState};
 use std::sync::Arc;
+use std::thread::{JoinHandle, ScopedJoinHandle};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// An image older than this says little about the next one, seconds.
 const LONGEST_LINK_S: f64 = 0.5;
 
-/// Computes the touches of frames one by one; the first frames of an epoch are its reference.
-#[derive(Debug, Clone)]
+/// Computes the touches of frames one by one; the first frames of an epoch are its reference. What needs the reference is set up on a
+/// thread of its own if frames arrive now: none of them waits, and touches follow from the first one after that. Frames of a recording
+/// wait, and touches follow where they did.
+#[derive(Debug)]
 pub struct LiveStream {
     model: Arc<LiveModel>,
     unit: Unit,
@@ -35,6 +38,12 @@ pub struct LiveStream {
     /// [`Frame::host_time_s`] of the last frame.
     host_time_s: Option<f64>,
     epoch: Option<Epoch>,
+    /// The next epoch while it is set up beside the frames.
+    coming: Option<JoinHandle<Result<Epoch, SkinError>>>,
+    /// Number of the last frame of this epoch that is not searched for touches, if it is known.
+    until: Option<u64>,
+    /// Whether that frame has come.
+    is_ready: bool,
     /// Clock of the epoch before, which the next one continues.
     clock: Option<Clock>,
     /// Id of the next epoch's first touch: ids are never used again.
@@ -61,7 +70,7 @@ pub struct LiveStream {
 }
 
 /// Objects that process the frames of an epoch.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 struct Epoch {
     /// Frames of its reference, ...
     reference: Vec<Frame>,
@@ -81,9 +90,9 @@ pub enum Step {
     Idle,
     /// An event that is no frame.
     Event,
-    /// A frame for the reference.
+    /// A frame for the reference, or one that came while the detector of touches was set up.
     Waiting {
-        /// Number of frames still needed for the reference.
+        /// Number of frames still needed, at least 1; 0 with the last one that is not searched for touches.
         left: usize,
     },
     /// A frame whose touches were found ([`LiveStream::shown`]).
@@ -141,6 +150,9 @@ impl LiveStream {
             host_time_s: None,
             model,
             epoch: None,
+            coming: None,
+            until: None,
+            is_ready: false,
             clock: None,
             first_id: 1,
             id_offset: 0,
@@ -175,6 +187,7 @@ impl LiveStream {
             self.first_id = epoch.finder.next_id() + std::mem::take(&mut self.id_offset);
             self.clock = Some(epoch.clock);
         }
+        (self.coming, self.until, self.is_ready) = (None, None, false);
         self.has_found = false;
         self.touches.clear();
         self.reference = ReferenceFrames::new(self.model.reference_frames);
@@ -191,7 +204,10 @@ impl LiveStream {
         let measurements = self.model.skin().protocol.measurements();
         frames.iter().try_for_each(|frame| SkinError::check_frame(frame, measurements))?;
         self.restart();
-        self.begin(frames.to_vec(), Vec::new())
+        let epoch = self.set_up(frames.to_vec(), Vec::new())()?;
+        self.begin(epoch);
+        (self.until, self.is_ready) = (self.sequence, true);
+        Ok(())
     }
 
     /// Returns the frames of this epoch's reference; empty while it is taken.
@@ -199,11 +215,18 @@ impl LiveStream {
         self.epoch.as_ref().map_or(&[], |epoch| &epoch.reference)
     }
 
-    /// Takes the frames with these numbers as the reference, unless there is one or they have passed.
-    fn name_reference(&mut self, sequences: Vec<u64>) {
+    /// Returns the number of the last frame of this epoch that was not searched for touches; `None` before it has come.
+    pub fn until(&self) -> Option<u64> {
+        self.until.filter(|_| self.is_ready)
+    }
+
+    /// Takes the frames with these numbers as the reference, unless there is one or they have passed, and searches those after
+    /// `until` for touches, else those after the reference.
+    fn name_reference(&mut self, sequences: Vec<u64>, until: Option<u64>) {
         let is_ahead = sequences.iter().max() > self.sequence.as_ref();
         if is_ahead && self.epoch.is_none() && is_reference(sequences.len()) {
             self.reference = ReferenceFrames::of_named(self.model.reference_frames, sequences);
+            self.until = until;
         }
     }
 
@@ -264,8 +287,8 @@ impl LiveStream {
                 (self.connection, self.sequence) = (Some(epoch), None);
                 Ok(Step::Event)
             }
-            Event::Reference { sequences, .. } => {
-                self.name_reference(sequences);
+            Event::Reference { sequences, until, .. } => {
+                self.name_reference(sequences, until);
                 Ok(Step::Event)
             }
             _ => Ok(Step::Event),
@@ -312,13 +335,9 @@ impl LiveStream {
         if self.connection.replace(frame.epoch).is_some_and(|before| before != frame.epoch) {
             self.restart();
         }
-        let Some(Epoch { finder, clock, .. }) = &mut self.epoch else {
-            if self.reference.take(frame) {
-                let (reference, notes) = self.reference.finish();
-                self.begin(reference, notes)?;
-                return Ok(Step::Waiting { left: 0 });
-            }
-            return Ok(Step::Waiting { left: self.reference.left() });
+        let Some(Epoch { finder, clock, .. }) = self.epoch.as_mut().filter(|_| self.is_ready)
+        else {
+            return self.wait(frame, is_live);
         };
         let factor = self.factor;
         self.values.clear();
@@ -353,6 +372,38 @@ impl LiveStream {
         self.image_latency_s = None;
         self.frames += 1;
         Ok(Step::Touches)
+    }
+
+    /// Takes a frame that is not searched for touches.
+    fn wait(&mut self, frame: &Frame, is_live: bool) -> Result<Step, SkinError> {
+        if self.epoch.is_none() {
+            let epoch = match self.coming.take() {
+                Some(coming) if !coming.is_finished() => {
+                    self.coming = Some(coming);
+                    return Ok(Step::Waiting { left: 1 });
+                }
+                Some(come) => {
+                    come.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))?
+                }
+                None if !self.reference.take(frame) => {
+                    return Ok(Step::Waiting { left: self.reference.left() });
+                }
+                None => {
+                    let (reference, notes) = self.reference.finish();
+                    let set_up = self.set_up(reference, notes);
+                    if is_live {
+                        let thread = std::thread::Builder::new().name("eit set-up".to_owned());
+                        let failed = |e| SkinError::Failure(format!("a thread: {e}"));
+                        self.coming = Some(thread.spawn(set_up).map_err(failed)?);
+                        return Ok(Step::Waiting { left: 1 });
+                    }
+                    set_up()?
+                }
+            };
+            self.begin(epoch);
+        }
+        self.is_ready = frame.sequence >= *self.until.get_or_insert(frame.sequence);
+        Ok(Step::Waiting { left: usize::from(!self.is_ready) })
     }
 
     /// Returns the results for the frame that was pushed last; `None` while the reference is taken.
@@ -396,37 +447,51 @@ impl LiveStream {
         self.epoch.as_ref().map_or(&[], |epoch| &epoch.notes)
     }
 
-    /// Begins an epoch with these reference frames and notes about them.
-    fn begin(&mut self, reference: Vec<Frame>, mut notes: Vec<String>) -> Result<(), SkinError> {
-        let clock = match self.clock {
-            Some(before) => before.next_epoch(self.frame_rate_hz, &reference),
-            None => Clock::new(self.frame_rate_hz, &reference),
-        };
-        let skin = self.model.skin();
-        let frames = skin.frames_of_quiet(measured(&reference, self.unit))?;
-        let fitted = self.model.linearised.fit(frames)?;
-        let mut progress = Progress::silent();
-        let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?;
-        let finder = finder.map(|finder| finder.with_first_id(self.first_id)).ok_or_else(|| {
-            SkinError::input(
-                "the reference frames show no noise, from which touches are distinguished: set \
-                 [noise] additive_v",
-            )
-        })?;
-        let images = match self.with_images {
-            true => Some(LiveImages::new(&self.model, &fitted)?),
-            false => None,
-        };
-        notes.extend(fitted.frames.notes);
-        notes.extend(finder.choices.warnings());
-        // later epochs have the rate of the first
-        if clock.is_assumed && self.clock.is_none() {
-            notes.push(assumed_rate_text());
+    /// Returns what sets up an epoch with these reference frames and notes about them, on any thread.
+    fn set_up(
+        &self,
+        reference: Vec<Frame>,
+        mut notes: Vec<String>,
+    ) -> impl FnOnce() -> Result<Epoch, SkinError> + Send + 'static {
+        let Self { unit, frame_rate_hz, clock: before, with_images, .. } = *self;
+        let model = Arc::clone(&self.model);
+        move || {
+            let clock = match before {
+                Some(before) => before.next_epoch(frame_rate_hz, &reference),
+                None => Clock::new(frame_rate_hz, &reference),
+            };
+            let frames = model.skin().frames_of_quiet(measured(&reference, unit))?;
+            let fitted = model.linearised.fit(frames)?;
+            let (finder, images) = std::thread::scope(|scope| {
+                let images = with_images.then(|| scope.spawn(|| LiveImages::new(&model, &fitted)));
+                let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut Progress::silent());
+                let join = |images: ScopedJoinHandle<'_, _>| {
+                    images.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+                };
+                (finder, images.map(join).transpose())
+            });
+            let finder = finder?.ok_or_else(|| {
+                SkinError::input(
+                    "the reference frames show no noise, from which touches are distinguished: set \
+                     [noise] additive_v",
+                )
+            })?;
+            notes.extend(fitted.frames.notes);
+            notes.extend(finder.choices.warnings());
+            // later epochs have the rate of the first
+            if clock.is_assumed && before.is_none() {
+                notes.push(assumed_rate_text());
+            }
+            Ok(Epoch { reference, notes, finder, images: images?, clock })
         }
-        self.epoch = Some(Epoch { reference, notes, finder, images, clock });
+    }
+
+    /// Begins an epoch.
+    fn begin(&mut self, mut epoch: Epoch) {
+        epoch.finder.set_first_id(self.first_id);
+        self.epoch = Some(epoch);
         // reference frames have no touches, so there is no image to make
         (self.has_image, self.image_time_s) = (true, None);
-        Ok(())
     }
 }
 

@@ -124,6 +124,14 @@ impl FittedFrames {
     }
 }
 
+/// Number of multiplications for an image, at most: about 20 ms on one core. The next image begins where it ended.
+const MOST_WORK: f64 = 1e8;
+
+/// Number of iterations for an image, each of which passes twice over the Jacobian `[measurement, pixel]`.
+fn most_iterations(jacobian: &Array2<f64>) -> usize {
+    (MOST_WORK / (2.0 * jacobian.len() as f64).max(1.0)).ceil() as usize
+}
+
 fn stream(
     fitted: &FittedFrames,
     method: Method,
@@ -166,13 +174,14 @@ fn stream(
     let mut solver = with(&known)?;
     solver.set_weights(weights.lambda_space, weights.lambda_time, fidelity)?;
     let target_gap = stop(keys).target_gap;
+    let max_iterations = most_iterations(&jacobian);
     let solver = match weights.lambda_time > 0.0 {
         true => {
-            let settings = CausalSettings { target_gap, ..Default::default() };
+            let settings = CausalSettings { target_gap, max_iterations, ..Default::default() };
             Solver::Causal(Box::new(CausalStream::new(solver, settings)?))
         }
         false => {
-            let settings = StreamSettings { target_gap, ..Default::default() };
+            let settings = StreamSettings { target_gap, max_iterations, ..Default::default() };
             Solver::Alone(Box::new(StTvStream::new(solver, settings)?))
         }
     };

@@ -188,9 +188,8 @@ impl TouchFinder {
     }
 
     /// Continues the ids of another finder ([`TouchFinder::next_id`]), so that none is used twice.
-    pub(crate) fn with_first_id(mut self, first: u64) -> Self {
+    pub(crate) fn set_first_id(&mut self, first: u64) {
         self.source.set_next_id(first);
-        self
     }
 
     /// Returns the id that the next new touch will get.

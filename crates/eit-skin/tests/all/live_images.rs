@@ -7,15 +7,15 @@
     reason = "tests"
 )]
 
+use crate::common::source::Listed;
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
-use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
+use eit_skin::eit_hw::driver::Event;
+use eit_skin::eit_hw::{Frame, Quality, Unit};
 use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
 use eit_skin::scene::Scene;
 use eit_skin::{LiveStream, MeshOverride, Progress, Skin, SkinError};
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 const REFERENCE: usize = 20;
 /// A finger stays for this number of frames after the reference, then the skin is untouched.
@@ -128,46 +128,22 @@ fn a_reference_of_another_level_is_reported() {
     }
 }
 
-/// An instrument whose frames have all arrived: the consumer is behind until the last one.
-struct Backlog {
-    setup: Setup,
-    frames: VecDeque<Frame>,
-}
-
-impl FrameSource for Backlog {
-    fn setup(&self) -> &Setup {
-        &self.setup
-    }
-
-    fn next_event(&mut self, _: Duration) -> Result<Option<Event>, HwError> {
-        Ok(self.frames.pop_front().map(Event::Frame))
-    }
-
-    fn recycle(&mut self, _: Frame) {}
-
-    fn statistics(&self) -> Statistics {
-        Statistics::default()
-    }
-
-    fn frames_waiting(&self) -> usize {
-        self.frames.len()
-    }
-
-    fn is_over(&self) -> bool {
-        self.frames.is_empty()
-    }
-}
-
 /// Numbers of the frames whose touches were given, and of those that had an image.
 #[derive(Default)]
 struct FrameNumbers {
     wants_every_image: bool,
+    is_ready: Arc<AtomicBool>,
     touches: Vec<u64>,
     images: Vec<u64>,
 }
 
 impl LiveObserver for FrameNumbers {
     type Error = SkinError;
+
+    fn reference(&mut self, _: &[Frame], _: &[String], _: Option<u64>) -> Result<(), SkinError> {
+        self.is_ready.store(true, Ordering::Relaxed);
+        Ok(())
+    }
 
     fn touches(&mut self, frame: &TouchFrame<'_>) -> Result<(), SkinError> {
         self.touches.push(frame.number);
@@ -197,23 +173,14 @@ fn images_are_skipped_while_frames_wait_and_touches_never() {
     let model = model();
     let all: Vec<u64> = (0..ALL as u64).collect();
     for (is_live, wants_every_image) in [(true, false), (true, true), (false, false)] {
-        let mut frames: VecDeque<Frame> = frames(&model, 0.05).into();
+        let mut frames = frames(&model, 0.05);
         // they arrived in their time, also where they waited
         for (k, frame) in frames.iter_mut().enumerate() {
             frame.host_time_s = Some(1.8e9 + 0.05 * k as f64);
         }
-        let name = || "backlog".to_owned();
-        let setup = Setup {
-            identity: Identity { driver: "test", name: name(), serial: name() },
-            layout: Layout::ProtocolOrder,
-            value_count: frames[0].values.len(),
-            complex: false,
-            unit: Unit::Volt,
-            frame_rate_hz: Some(20.0),
-            limits: Limits::default(),
-        };
         let mut seen = FrameNumbers { wants_every_image, ..FrameNumbers::default() };
-        let mut source = Backlog { setup, frames };
+        let source = Listed::new(frames.into_iter().map(Event::Frame));
+        let mut source = source.held_at(REFERENCE as u64 - 1, &seen.is_ready);
         let summary = model.watch(&mut source, is_live, &mut seen).unwrap();
         assert_eq!(seen.touches, all);
         let rate_hz = summary.frame_rate_hz().unwrap();

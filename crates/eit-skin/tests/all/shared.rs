@@ -8,12 +8,12 @@ fn types_are_send_and_sync() {
     shared::<eit_skin::LinearisedSkin>();
     shared::<eit_skin::FittedFrames>();
     shared::<eit_skin::LiveModel>();
-    shared::<eit_skin::LiveStream>();
     shared::<eit_skin::Touch>();
     shared::<eit_skin::touches::TouchFinder>();
     shared::<eit_skin::touches::Touches>();
     shared::<eit_skin::StopFlag>();
     fn moves<T: Send + std::fmt::Debug>() {}
+    moves::<eit_skin::LiveStream>();
     moves::<eit_skin::Sensor>();
     moves::<eit_skin::Progress>();
     fn error<T: Send + Sync + std::error::Error + 'static>() {}

@@ -9,14 +9,15 @@
 
 use crate::common::Bench;
 use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
-use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
-use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
+use crate::common::source::Listed;
+use eit_skin::eit_hw::driver::Event;
+use eit_skin::eit_hw::{Frame, Quality, Unit};
 use eit_skin::live::{LiveModel, LiveStream, SkinState};
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
 use eit_skin::{Next, Progress, Sensor, Skin, TouchState};
-use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Where the finger of [`held`] presses.
@@ -286,32 +287,6 @@ fn another_connection_takes_a_reference() {
     assert!(first > 40 && first.abs_diff(second) <= 2 && others(&output) == 0, "{first} {second}");
 }
 
-/// A recording that tells its reference.
-struct Told {
-    setup: Setup,
-    events: VecDeque<Event>,
-}
-
-impl FrameSource for Told {
-    fn setup(&self) -> &Setup {
-        &self.setup
-    }
-
-    fn next_event(&mut self, _: Duration) -> Result<Option<Event>, HwError> {
-        Ok(self.events.pop_front())
-    }
-
-    fn recycle(&mut self, _: Frame) {}
-
-    fn statistics(&self) -> Statistics {
-        Statistics::default()
-    }
-
-    fn is_over(&self) -> bool {
-        self.events.is_empty()
-    }
-}
-
 /// A reference that is told consists of exactly those frames, as if a program had set it; some that are missing are
 /// noted, and where hardly any came another is taken. Each thing is told once, and then the source is over.
 #[test]
@@ -321,20 +296,10 @@ fn a_reference_is_the_one_that_is_told() {
     let is_told = |frame: &Frame| frame.sequence < 40 && frame.sequence.is_multiple_of(2);
     let of = |missing: std::ops::Range<u64>| {
         let sequences = sent.iter().filter(|frame| is_told(frame)).map(|frame| frame.sequence);
-        let told = Event::Reference { epoch: 0, sequences: sequences.collect() };
+        let told = Event::Reference { epoch: 0, sequences: sequences.collect(), until: None };
         let came = sent.iter().filter(|frame| !missing.contains(&frame.sequence)).cloned();
-        let name = || "told".to_owned();
-        let setup = Setup {
-            identity: Identity { driver: "test", name: name(), serial: name() },
-            layout: Layout::ProtocolOrder,
-            value_count: sent[0].values.len(),
-            complex: false,
-            unit: Unit::Volt,
-            frame_rate_hz: Some(RATE_HZ),
-            limits: Limits::default(),
-        };
-        let events = std::iter::once(told).chain(came.map(Event::Frame)).collect();
-        let mut sensor = skin.sensor_of(Box::new(Told { setup, events }), false).unwrap();
+        let source = Listed::new(std::iter::once(told).chain(came.map(Event::Frame)));
+        let mut sensor = skin.sensor_of(Box::new(source), false).unwrap();
         let (mut touches, mut others) = (Vec::new(), Vec::new());
         loop {
             match sensor.next_within(Duration::MAX).unwrap() {
@@ -368,6 +333,43 @@ fn a_reference_is_the_one_that_is_told() {
     assert!(notes.contains("1 of the 20 reference frames") && count == 19, "{notes}");
     let (_, notes, count) = of(0..35);
     assert!(notes.contains("18 of the 20 reference frames") && count == 40, "{notes}");
+}
+
+/// Live frames do not wait while the detector of touches is set up: they are not searched. Frames of a recording wait, but those that
+/// were not searched are not, if it tells them.
+#[test]
+fn live_frames_do_not_wait_for_the_set_up() {
+    const LAST: u64 = 42;
+    let (skin, bench) = disc();
+    let sent = frames(&held(&bench, 57));
+    let run = |told: Option<Event>, is_live: bool| {
+        let is_over = Arc::new(AtomicBool::new(false));
+        let frames = sent.iter().cloned().map(Event::Frame);
+        let source = Listed::new(told.into_iter().chain(frames)).held_at(LAST, &is_over);
+        let mut sensor = skin.sensor_of(Box::new(source), is_live).unwrap();
+        let (mut touches, mut waited) = (Vec::new(), 0);
+        loop {
+            match sensor.next_within(Duration::MAX).unwrap() {
+                Next::Waiting { left: 0 } => is_over.store(true, Ordering::Relaxed),
+                Next::Waiting { .. } => waited += usize::from(!sensor.reference().is_empty()),
+                Next::Frame(frame) => {
+                    touches.push((frame.sequence, format!("{:?}", frame.touches)));
+                }
+                Next::Over => break,
+                other => assert!(matches!(other, Next::Event(_)), "{other:?}"),
+            }
+        }
+        (touches, waited)
+    };
+    let (touches, _) = run(None, true);
+    let is_touched = |(_, touches): &&(u64, String)| touches != "[]";
+    assert_eq!(touches[0].0, LAST + 1);
+    assert!(touches.iter().filter(is_touched).count() > 40);
+    let told = |until| Event::Reference { epoch: 0, sequences: (0..40).collect(), until };
+    let (replayed, waited) = run(Some(told(Some(LAST))), false);
+    // the frames between the reference and the last one
+    assert!(replayed == touches && waited as u64 == LAST - 40 + 1, "{waited}");
+    assert_eq!(run(Some(told(None)), false).0[0].0, 40);
 }
 
 /// With a new reference nothing from before is shown, and no id is used twice. The first frame of a recording that the

@@ -5,6 +5,7 @@
 
 pub mod score;
 pub mod script;
+pub mod source;
 
 use eit_skin::eit_fem::fabric::{PlayCircle, Random, SimulationSettings, TouchScript, TrueTouch};
 use eit_skin::eit_mesh::Raster;
