@@ -146,14 +146,16 @@ fn measure(patches: usize, seconds: f64, kind: &str) -> Result<(), Box<dyn Error
     };
     let (received, lost) = (count(|patch| patch.received), count(|patch| patch.lost));
     let share = [0, 1].map(|who| 100.0 * (now_used[who] - used[who]) / elapsed);
-    let milliseconds = |quantile| 1e3 * body.latency().quantile_s(quantile).unwrap_or(f64::NAN);
+    let milliseconds = |quantile| {
+        1e3 * body.latency().and_then(|latency| latency.quantile_s(quantile)).unwrap_or(f64::NAN)
+    };
     println!(
         "{patches} patches, {kind}: {:.0} messages/s, {lost} lost of {received}, latency median {:.2} ms, \
          99 % {:.2} ms, largest {:.1} ms, processor of the body {:.1} %, of a patch {:.2} % of one core",
         received as f64 / elapsed,
         milliseconds(0.5),
         milliseconds(0.99),
-        1e3 * body.latency().largest_s(),
+        1e3 * body.latency().map_or(f64::NAN, |latency| latency.largest_s()),
         share[0],
         share[1] / patches as f64
     );

@@ -1,6 +1,11 @@
 //! The skin for Foxglove, in its own schemas: a scene, a grid and a log; live, or recorded as MCAP.
 
+#[cfg(feature = "zenoh")]
+mod body;
 mod draw;
+
+#[cfg(feature = "zenoh")]
+pub use body::FoxgloveBody;
 
 use crate::SkinShape;
 use crate::error::PublishError;
@@ -77,14 +82,8 @@ impl FoxgloveSink {
         let server = match &settings.server {
             None => None,
             Some(place) => {
-                let found = resolve(place)?;
-                let server = context
-                    .websocket_server()
-                    .name("eit")
-                    .bind(found.ip().to_string(), found.port())
-                    .start_blocking()
-                    .map_err(|error| failed(place, error))?;
-                address = Some(SocketAddr::new(found.ip(), server.port()));
+                let (server, bound) = serve(&context, place)?;
+                address = Some(bound);
                 Some(server)
             }
         };
@@ -214,16 +213,7 @@ impl Sender {
     }
 
     fn log(&self, level: log::Level, time_s: Option<f64>, message: String) {
-        let time = timestamp(time_s);
-        let message = Log {
-            timestamp: Some(time),
-            level: level.into(),
-            message,
-            name: "eit".to_owned(),
-            file: String::new(),
-            line: 0,
-        };
-        self.log.log_with_time(&message, time);
+        write(&self.log, level, timestamp(time_s), message);
     }
 
     fn frame(&mut self, frame: &FrameCopy) {
@@ -255,6 +245,34 @@ impl Sender {
         let time = timestamp(image.host_time_s);
         self.image.log_with_time(&self.painter.grid(image, extent, time), time);
     }
+}
+
+fn write(channel: &Channel<Log>, level: log::Level, time: Timestamp, message: String) {
+    let message = Log {
+        timestamp: Some(time),
+        level: level.into(),
+        message,
+        name: "eit".to_owned(),
+        file: String::new(),
+        line: 0,
+    };
+    channel.log_with_time(&message, time);
+}
+
+/// Starts a server; returns its address, too.
+fn serve(
+    context: &Arc<Context>,
+    place: &str,
+) -> Result<(WebSocketServerHandle, SocketAddr), PublishError> {
+    let found = resolve(place)?;
+    let server = context
+        .websocket_server()
+        .name("eit")
+        .bind(found.ip().to_string(), found.port())
+        .start_blocking()
+        .map_err(|error| failed(place, error))?;
+    let address = SocketAddr::new(found.ip(), server.port());
+    Ok((server, address))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -30,6 +30,8 @@ mod zenoh_sink;
 #[cfg(feature = "zenoh")]
 pub use change::ChangeThreshold;
 pub use error::PublishError;
+#[cfg(all(feature = "foxglove", feature = "zenoh"))]
+pub use foxglove_sink::FoxgloveBody;
 #[cfg(feature = "foxglove")]
 pub use foxglove_sink::{FoxgloveSettings, FoxgloveSink};
 pub use image::SkinImage;

@@ -11,9 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Largest number of frames and events that wait for the sink, and the longest wait; beyond either,
-/// the oldest is dropped. As long as the queue of an instrument's frames
-/// (`eit_skin::connect::open_recorder`), so that a sink that is fast enough on average sends
-/// every frame in spite of pauses and bursts.
+/// the oldest is dropped. A sink that is fast enough on average sends every frame in spite of pauses and bursts.
 const CAPACITY: usize = 4096;
 const LONGEST: Duration = Duration::from_secs(4);
 /// How long the end waits for the sink to send what is queued.
@@ -23,6 +21,9 @@ const LAST_EVENTS: Duration = Duration::from_secs(1);
 
 /// Shortest time between two images.
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
+
+/// Factor per image by which the range falls after a smaller image.
+const DECAY: f32 = 0.98;
 
 /// A copy of a frame's touches.
 #[derive(Debug, Clone, Default)]
@@ -66,6 +67,8 @@ pub(crate) struct ImageCopy {
     pub(crate) rows: usize,
     pub(crate) columns: usize,
     pub(crate) values: Vec<f32>,
+    /// Largest value of recent images, and at least that of the faintest touch, siemens.
+    pub(crate) range: f32,
     pub(crate) host_time_s: Option<f64>,
 }
 
@@ -149,6 +152,8 @@ struct State {
     image: Option<ImageCopy>,
     free_image: Option<ImageCopy>,
     host_time_s: Option<f64>,
+    /// Range of the last image.
+    range: f32,
     statistics: SinkStatistics,
     is_over: bool,
     is_done: bool,
@@ -212,12 +217,15 @@ impl Outbox {
     }
 
     /// Queues the image of the last frame; replaces one that was not sent yet.
-    pub(crate) fn image(&self, image: ArrayView2<'_, f64>) {
+    pub(crate) fn image(&self, image: ArrayView2<'_, f64>, faintest_s: f64) {
         let mut state = self.state();
+        let finite = image.iter().filter(|value| value.is_finite());
+        let largest = finite.fold(faintest_s, |most, value| most.max(value.abs())) as f32;
+        state.range = largest.max(DECAY * state.range).max(f32::MIN_POSITIVE);
         let free = state.free_image.take();
         let mut copy = state.image.take().or(free).unwrap_or_default();
         (copy.rows, copy.columns) = image.dim();
-        copy.host_time_s = state.host_time_s;
+        (copy.host_time_s, copy.range) = (state.host_time_s, state.range);
         copy.values.clear();
         copy.values.extend(image.iter().map(|&value| value as f32));
         state.image = Some(copy);

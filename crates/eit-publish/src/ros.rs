@@ -14,12 +14,15 @@ mod convert;
 mod definition;
 mod keys;
 mod message;
+mod shown;
 
 pub use cdr::{from_cdr, to_cdr};
 pub use definition::type_hash;
+pub(crate) use keys::TF_STATIC;
 pub use keys::{Attachment, Endpoint, check_topic};
 pub use message::{
     BodyTouch, BodyTouchArray, DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header,
     Image, KeyValue, PatchState, Point, Pose, PoseStamped, Quaternion, RosMessage, Time,
     TouchArray, TouchMessage, Vector3, skin_state, touch_state,
 };
+pub use shown::{Marker, MarkerArray, OccupancyGrid, TfMessage, TransformStamped};

@@ -5,6 +5,7 @@ mod sender;
 mod session;
 
 pub use node::{RosNode, RosPublisher};
+pub(crate) use sender::DIAGNOSTICS;
 pub use session::SessionSettings;
 
 use crate::change::ChangeThreshold;
@@ -12,15 +13,19 @@ use crate::error::PublishError;
 use crate::outbox::{QueuedSink, SinkStatistics, Worker};
 use crate::publisher::Start;
 use crate::ros::{self, Pose};
+use crate::shape::SkinShape;
 use sender::{Names, Sender, Shared};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
+use zenoh::Wait as _;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::{Sample, SampleKind};
 
 /// How a skin is published.
 #[derive(Debug, Clone)]
 pub struct ZenohSettings {
-    /// Prefix of the topics, such as `skin/left_arm`, followed by `/touches`, `/image` and `/pose`.
+    /// Prefix of the topics, such as `skin/left_arm`, followed by `/touches`, `/markers`, `/image`, `/map` and `/pose`.
     pub topic: String,
     /// Name of the skin's coordinate frame.
     pub frame_id: String,
@@ -62,6 +67,8 @@ pub struct ZenohSink {
     topic: String,
     shared: Arc<Shared>,
     worker: Worker,
+    /// Hears of other publishers.
+    _rivals: Subscriber<()>,
 }
 
 impl ZenohSink {
@@ -79,10 +86,11 @@ impl ZenohSink {
             &format!("eit_{}", topic.replace('/', "_")),
         )?;
         let shared = Arc::new(Shared::default());
+        let rivals = watch_rivals(&node, settings.domain, &topic, Arc::clone(&shared))?;
         let sender = Sender::new(node, &topic, settings, Arc::clone(&shared))?;
         let worker = Worker::start("eit zenoh", Arc::default(), |outbox| sender.run(outbox))
             .map_err(PublishError::Thread)?;
-        Ok(Self { topic, shared, worker })
+        Ok(Self { topic, shared, worker, _rivals: rivals })
     }
 
     /// Returns the prefix of the topics.
@@ -98,6 +106,12 @@ impl ZenohSink {
     /// Returns the numbers of messages handed to zenoh, and of those that it rejected.
     pub fn sent(&self) -> (u64, u64) {
         (self.shared.sent.load(Ordering::Relaxed), self.shared.refused.load(Ordering::Relaxed))
+    }
+
+    /// Returns the number of other programs that publish touches under this topic, as far as they are heard of: whoever subscribes
+    /// gets the lists of all of them.
+    pub fn rivals(&self) -> usize {
+        self.shared.rivals.load(Ordering::Relaxed)
     }
 
     /// Returns whether anybody subscribes to images.
@@ -128,4 +142,34 @@ impl QueuedSink for ZenohSink {
         let names = Names { skin: start.skin.to_owned(), instrument: start.instrument.to_owned() };
         self.shared.set_names(names);
     }
+
+    fn skin(&self, shape: &SkinShape) {
+        self.shared.set_extent(shape.extent_m);
+    }
+}
+
+/// Counts the other publishers of a topic's touches, by the tokens that announce them.
+fn watch_rivals(
+    node: &RosNode,
+    domain: u32,
+    topic: &str,
+    shared: Arc<Shared>,
+) -> Result<Subscriber<()>, PublishError> {
+    let own = format!("/{}/", node.session().zid());
+    let named = topic.replace('/', "%");
+    let tokens = format!("@ros2_lv/{domain}/*/*/*/MP/*/*/*/%{named}%touches/**");
+    let count = move |sample: Sample| {
+        if sample.key_expr().as_str().contains(&own) {
+            return;
+        }
+        let change = |rivals: usize| match sample.kind() {
+            SampleKind::Put => Some(rivals + 1),
+            SampleKind::Delete => rivals.checked_sub(1),
+        };
+        // never fails but for a token that was not heard of
+        let _ = shared.rivals.fetch_update(Ordering::Relaxed, Ordering::Relaxed, change);
+    };
+    let liveliness = node.session().liveliness();
+    let subscriber = liveliness.declare_subscriber(tokens).history(true).callback(count).wait();
+    subscriber.map_err(|source| PublishError::Zenoh { action: "look for other publishers", source })
 }

@@ -3,11 +3,11 @@
 use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{ImageFile, OutFolder, io};
-use crate::reconstruct::touches::{HEADER, write_row};
+use crate::reconstruct::touches::{HEADER, write_row, write_state};
 use eit_hw::capture::{Entry, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_skin::faults::{ElectrodeFault, fault_lines};
-use eit_skin::live::{LiveImages, Summary, TouchFrame};
+use eit_skin::live::{LiveImages, SkinState, Summary, TouchFrame};
 use eit_skin::text::counted;
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
@@ -21,6 +21,8 @@ pub struct Kept {
     /// Present from the first image on; the second file holds raw images if a network is used.
     images: Option<(ImageFile, Option<ImageFile>)>,
     touches: BufWriter<NamedTempFile>,
+    /// State of the skin that a row told last.
+    state: SkinState,
 }
 
 impl Kept {
@@ -34,7 +36,7 @@ impl Kept {
         let folder = OutFolder::new(path)?;
         let mut touches = folder.begin("touches.csv")?;
         writeln!(touches, "{HEADER}").map_err(io)?;
-        Ok(Self { folder, images: None, touches })
+        Ok(Self { folder, images: None, touches, state: SkinState::Sound })
     }
 
     /// Stores an image and its touches.
@@ -45,6 +47,10 @@ impl Kept {
     pub fn take(&mut self, shown: &TouchFrame<'_>) -> Result<(), ReportError> {
         if let Some(made) = shown.images {
             self.take_image(made)?;
+        }
+        let before = std::mem::replace(&mut self.state, shown.state);
+        if shown.touches.is_empty() && before != shown.state {
+            write_state(shown.number, shown.time_s, shown.state, &mut self.touches)?;
         }
         for touch in shown.touches {
             write_row(shown.number, shown.time_s, touch, shown.state, &mut self.touches)?;
@@ -75,7 +81,7 @@ impl Kept {
     ///
     /// A file that cannot be renamed.
     pub fn finish(self) -> Result<Vec<&'static str>, ReportError> {
-        let Self { mut folder, images, touches } = self;
+        let Self { mut folder, images, touches, .. } = self;
         let mut names = Vec::new();
         if let Some((images, raw)) = images {
             for file in std::iter::once(images).chain(raw) {

@@ -19,8 +19,6 @@ const RECORDER_FRAMES: usize = 8192;
 /// number of seconds, so that a pause of the program loses no frame of a fast instrument.
 const LEAST_FRAMES: usize = 8;
 const LATEST_S: f64 = 0.25;
-#[cfg(feature = "recording")]
-const PUBLISHED_S: f64 = 4.0;
 
 /// How far the consumer of an instrument's frames may fall behind, and what happens then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,9 +50,8 @@ fn frames_in(seconds: f64, rate_hz: f64) -> usize {
     ((seconds * rate_hz).ceil() as usize).max(LEAST_FRAMES)
 }
 
-/// Opens the scene's instrument for a recorder and a consumer that may be slower: a computer that is fast enough on average shows every
-/// frame, although other programs take the processor for moments; more than four seconds behind, the oldest frames are skipped, but not
-/// in the recording.
+/// Opens the scene's instrument for a recorder and a consumer that may be slower: as [`Backlog::Latest`], but frames that are skipped
+/// are in the recording.
 ///
 /// # Errors
 ///
@@ -62,7 +59,7 @@ fn frames_in(seconds: f64, rate_hz: f64) -> usize {
 #[cfg(feature = "recording")]
 pub fn open_recorder(instrument: &Instrument, port: Option<&str>) -> Result<Recorder, SkinError> {
     let session = open(instrument, port, Backlog::Recorded)?;
-    let waiting = frames_in(PUBLISHED_S, instrument.frame_rate_hz);
+    let waiting = Backlog::Latest.frames(instrument.frame_rate_hz);
     Ok(Recorder::new(Box::new(session), waiting, event_text))
 }
 

@@ -139,6 +139,16 @@ pub(crate) struct BodyArgs {
     /// The body: names, topics and poses of its patches (docs/BODY.md).
     #[arg(value_name = "BODY.toml")]
     pub body: PathBuf,
+    /// Also show the body in Foxglove; whoever reaches the address can watch. Needs a build with --features foxglove
+    /// [default: 127.0.0.1:8765; port 0: any free port].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    pub foxglove: Option<String>,
     /// Stop after this many seconds.
     #[arg(long, value_name = "S")]
     pub seconds: Option<f64>,

@@ -3,6 +3,8 @@
 use super::publish;
 use crate::cli::BodyArgs;
 use crate::commands::prelude::*;
+#[cfg(feature = "foxglove")]
+use eit_publish::FoxgloveBody;
 use eit_publish::body::{Body, BodyNews, BodySettings};
 use eit_skin::text::printable_json;
 use std::io::{ErrorKind, Write as _};
@@ -11,12 +13,32 @@ use std::io::{ErrorKind, Write as _};
 pub(super) fn run(args: &BodyArgs) -> Result<Answer, CliError> {
     let (mut until, is_json) = (Until::new(args.seconds)?, terminal::flags().is_json);
     let settings = BodySettings::load(&args.body)?;
+    #[cfg(feature = "foxglove")]
+    let mut shown = match &args.foxglove {
+        Some(place) => Some(
+            FoxgloveBody::new(place, &settings)
+                .map_err(|e| CliError::from(e).within("--foxglove"))?,
+        ),
+        None => None,
+    };
+    #[cfg(feature = "foxglove")]
+    if let Some(shown) = &shown {
+        eprintln!("eit: Foxglove: open a connection to ws://{}", shown.address());
+    }
+    #[cfg(not(feature = "foxglove"))]
+    if args.foxglove.is_some() {
+        return Err(super::built_without("foxglove", "foxglove").within("--foxglove"));
+    }
     let mut body = Body::open(&settings)?;
     until.restart();
     let mut lists = 0_u64;
     let mut is_open = is_json || print(&body.start_line(&settings))?;
     while is_open && !until.is_over() {
         let Some(news) = body.next(SHUTDOWN_WAIT) else { continue };
+        #[cfg(feature = "foxglove")]
+        if let Some(shown) = &mut shown {
+            shown.show(&body, &news);
+        }
         lists += u64::from(matches!(news, BodyNews::Touches(_)));
         is_open = is_json || print(&body.line(&news))?;
     }
@@ -46,7 +68,7 @@ fn summary(body: &Body, lists: u64, time: Duration) -> Answer {
         patches.iter().filter(|patch| patch.silent).map(|patch| patch.name.as_str()).collect();
     let [overflowed, refused] = body.dropped();
     let latency = body.latency();
-    let milliseconds = |share| latency.quantile_s(share).map(|seconds| 1e3 * seconds);
+    let milliseconds = |share| latency?.quantile_s(share).map(|seconds| 1e3 * seconds);
     let mut text = format!(
         "{} patches: {received} messages, {lost} lost, {lists} lists in {:.1} s",
         patches.len(),
@@ -54,6 +76,9 @@ fn summary(body: &Body, lists: u64, time: Duration) -> Answer {
     );
     if let (Some(median), Some(late)) = (milliseconds(0.5), milliseconds(0.99)) {
         text += &format!("\nlatency: median {median:.2} ms, 99 % {late:.2} ms");
+    }
+    if latency.is_none() {
+        text += "\nlatency: not known, because the clocks of two computers differ";
     }
     if !silent.is_empty() {
         text += &format!("\nsilent: {}", silent.join(", "));

@@ -79,6 +79,22 @@ fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, 
     Ok(publisher.with_foxglove(sink))
 }
 
+/// Says once that another program publishes the same topics; `None` if it was said, or there is none.
+#[cfg_attr(
+    not(feature = "zenoh"),
+    allow(unused_variables, clippy::ptr_arg, reason = "there is no network")
+)]
+pub(super) fn rival(publisher: &Publisher, is_told: &mut bool) -> Option<String> {
+    #[cfg(feature = "zenoh")]
+    if let Some(sink) = publisher.zenoh().iter().find(|sink| sink.rivals() > 0)
+        && !std::mem::replace(is_told, true)
+    {
+        let topic = sink.topic();
+        return Some(format!("--zenoh {topic}: another program publishes these topics, too"));
+    }
+    None
+}
+
 /// Reports what was dropped.
 #[cfg_attr(
     not(any(feature = "zenoh", feature = "foxglove")),

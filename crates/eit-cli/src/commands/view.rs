@@ -160,6 +160,9 @@ impl Terminal {
         // writing to a String cannot fail
         let (frame, lost) = (shown.sequence, self.lost);
         let _ = writeln!(text, "frame {frame}, {rate_hz:.1} per second, {lost} lost{latency}");
+        if let Some(why) = shown.state.why_not_known() {
+            let _ = writeln!(text, "not known: {why}");
+        }
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(

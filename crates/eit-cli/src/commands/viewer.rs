@@ -1,10 +1,10 @@
 //! What `eit live` and `eit replay` show and store.
 
-use super::publish;
 use super::record::is_news;
 use super::recorder::Recordings;
 use super::silence::Silence;
 use super::view::{Picture, Terminal};
+use super::{network, publish};
 use crate::cli::WatchArgs;
 use crate::commands::prelude::*;
 use eit_hw::Frame;
@@ -26,6 +26,8 @@ pub(super) struct Viewer<'a> {
     picture: Option<Picture>,
     kept: Option<Kept>,
     publisher: Option<Publisher>,
+    /// Whether another publisher of the same topics was told.
+    has_told_rival: bool,
     recordings: Option<Recordings>,
 }
 
@@ -53,6 +55,7 @@ impl<'a> Viewer<'a> {
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             kept: args.out.as_deref().map(Kept::new).transpose()?,
             publisher: None,
+            has_told_rival: false,
             recordings: None,
         })
     }
@@ -73,6 +76,10 @@ impl<'a> Viewer<'a> {
 
     fn follow_recordings(&mut self) -> Result<(), CliError> {
         let publisher = self.publisher.as_ref();
+        let told = &mut self.has_told_rival;
+        if let Some(words) = publisher.and_then(|publisher| network::rival(publisher, told)) {
+            self.terminal.news(&words);
+        }
         self.recordings.as_mut().map_or(Ok(()), |recordings| recordings.follow(publisher))
     }
 

@@ -5,11 +5,10 @@ use super::{BodySettings, Latency};
 use crate::error::PublishError;
 use crate::publisher::clock_s;
 use crate::ros::{
-    Attachment, BodyTouchArray, PatchState, PoseStamped, RosMessage as _, TouchArray, from_cdr,
-    type_hash,
+    Attachment, BodyTouchArray, DiagnosticArray, Header, MarkerArray, PatchState, PoseStamped,
+    RosMessage as _, TF_STATIC, TfMessage, Time, TouchArray, TransformStamped, from_cdr, type_hash,
 };
-use crate::ros::{Header, Time};
-use crate::zenoh_sink::{RosNode, RosPublisher};
+use crate::zenoh_sink::{DIAGNOSTICS, RosNode, RosPublisher};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,7 +24,7 @@ const CAPACITY: usize = 8192;
 const TICK: Duration = Duration::from_millis(20);
 /// Longest time between two lists; without changes, a list shows that the body is alive.
 const HEARTBEAT: Duration = Duration::from_millis(100);
-/// How often poses are published.
+/// How often poses and diagnostics are published.
 const POSES_EVERY: Duration = Duration::from_secs(1);
 
 struct Arrived {
@@ -56,7 +55,13 @@ pub struct Body {
 #[derive(Debug)]
 struct Outlet {
     list: RosPublisher<BodyTouchArray>,
+    markers: RosPublisher<MarkerArray>,
+    /// Whether somebody subscribes to markers.
+    wants_markers: bool,
     poses: Vec<(RosPublisher<PoseStamped>, PoseStamped)>,
+    transforms: RosPublisher<TfMessage>,
+    diagnostics: RosPublisher<DiagnosticArray>,
+    names: Vec<String>,
     posed: Option<Instant>,
 }
 
@@ -143,13 +148,19 @@ impl Body {
         self.state.name(patch)
     }
 
+    /// Names the patches whose touches are not known; `None` if all are.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn not_known(&self) -> Option<String> {
+        self.state.not_known()
+    }
+
     /// State of every patch.
     pub fn patches(&self) -> Vec<PatchState> {
         self.state.states(Instant::now())
     }
 
     /// Returns the latencies of messages ([`BodyState::latency`]).
-    pub fn latency(&self) -> &Latency {
+    pub fn latency(&self) -> Option<&Latency> {
         self.state.latency()
     }
 
@@ -173,8 +184,8 @@ impl Body {
         self.listed = Some(now);
         let list = self.state.list(clock_s());
         if let Some(outlet) = &mut self.outlet {
-            let published = outlet.list.publish(&self.state.message(&list, now));
-            self.refused += u64::from(published.is_err() || outlet.pose(now).is_err());
+            let published = outlet.publish(&self.state.message(&list, now), &self.state, now);
+            self.refused += u64::from(published.is_err());
         }
         self.news.push_back(BodyNews::Touches(list));
     }
@@ -232,11 +243,31 @@ impl Outlet {
             Ok((publisher, PoseStamped { header, pose: patch.placement.pose() }))
         });
         let poses = poses.collect::<Result<_, PublishError>>()?;
-        Ok(Self { list, poses, posed: None })
+        Ok(Self {
+            list,
+            markers: node.advertise(&format!("{topic}/markers"))?,
+            wants_markers: false,
+            poses,
+            transforms: node.advertise(TF_STATIC)?,
+            diagnostics: node.advertise(DIAGNOSTICS)?,
+            names: settings.patches.iter().map(|patch| patch.name.clone()).collect(),
+            posed: None,
+        })
     }
 
-    /// Publishes the poses of the patches if it is time.
-    fn pose(&mut self, now: Instant) -> Result<(), PublishError> {
+    /// Publishes a list, and if it is time the poses of the patches and how they are.
+    fn publish(
+        &mut self,
+        list: &BodyTouchArray,
+        state: &BodyState,
+        now: Instant,
+    ) -> Result<(), PublishError> {
+        self.list.publish(list)?;
+        if self.wants_markers {
+            let touches = list.touches.iter().map(|placed| &placed.touch);
+            let markers = MarkerArray::of_touches(&list.header, touches, state.not_known());
+            self.markers.publish(&markers)?;
+        }
         if self.posed.is_some_and(|posed| now.duration_since(posed) < POSES_EVERY) {
             return Ok(());
         }
@@ -246,6 +277,16 @@ impl Outlet {
             message.header.stamp = stamp;
             publisher.publish(message)?;
         }
-        Ok(())
+        self.wants_markers = self.markers.has_subscriber();
+        let transforms =
+            self.names.iter().zip(&self.poses).map(|(name, (_, pose))| TransformStamped {
+                header: pose.header.clone(),
+                child_frame_id: name.clone(),
+                translation: <[f64; 3]>::from(pose.pose.position).into(),
+                rotation: pose.pose.orientation,
+            });
+        self.transforms.publish(&TfMessage { transforms: transforms.collect() })?;
+        let header = Header { stamp, frame_id: String::new() };
+        self.diagnostics.publish(&DiagnosticArray { header, status: state.diagnostics(now) })
     }
 }

@@ -4,8 +4,8 @@ use super::clock::ClockOffset;
 use super::latency::Latency;
 use super::{BodySettings, Placement};
 use crate::ros::{
-    Attachment, BodyTouch, BodyTouchArray, Header, PatchState, Time, TouchArray, TouchMessage,
-    skin_state, touch_state,
+    Attachment, BodyTouch, BodyTouchArray, DiagnosticStatus, Header, PatchState, Time, TouchArray,
+    TouchMessage, skin_state, touch_state,
 };
 use eit_skin::SkinState;
 use std::time::{Duration, Instant};
@@ -13,6 +13,12 @@ use std::time::{Duration, Instant};
 /// A stamp that is further from the time of sending than this, seconds, is not of now (a replay): the time of
 /// sending counts.
 const OLD_S: f64 = 10.0;
+
+/// Time for which a second publisher counts after its last message.
+const STALE: Duration = Duration::from_secs(2);
+
+/// Least delays that clocks which agree can have, seconds: a transfer takes some time, and less than this.
+const DELAYS_S: std::ops::Range<f64> = -1e-3..0.05;
 
 /// Something that a body reports.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,8 +114,8 @@ struct Patch {
     lost: u64,
     clock: ClockOffset,
     is_unreadable: bool,
-    /// A second publisher was heard.
-    has_two: bool,
+    /// When a second publisher was heard last.
+    second: Option<Instant>,
     state: SkinState,
 }
 
@@ -141,7 +147,7 @@ impl BodyState {
             lost: 0,
             clock: ClockOffset::default(),
             is_unreadable: false,
-            has_two: false,
+            second: None,
             state: SkinState::NoData,
         };
         Self {
@@ -176,7 +182,7 @@ impl BodyState {
             None => {}
             Some(_) if silence >= silent_after || patch.state == SkinState::NoData => {}
             Some(_) => {
-                if !std::mem::replace(&mut patch.has_two, true) {
+                if patch.second.replace(origin.arrived).is_none() {
                     news.extend([BodyNews::TwoPublishers { patch: number }]);
                 }
                 return;
@@ -277,15 +283,49 @@ impl BodyState {
         self.patches.iter().map(state).collect()
     }
 
+    /// Names the patches whose touches are not known; `None` if all are.
+    pub(super) fn not_known(&self) -> Option<String> {
+        let why = |patch: &Patch| {
+            let why = patch.state.why_not_known();
+            why.map(|why| format!("{} not known: {why}", patch.name))
+        };
+        let lines: Vec<String> = self.patches.iter().filter_map(why).collect();
+        (!lines.is_empty()).then(|| lines.join("\n"))
+    }
+
+    /// How every patch is.
+    pub fn diagnostics(&self, now: Instant) -> Vec<DiagnosticStatus> {
+        let status = |patch: &Patch| {
+            let silence = now.saturating_duration_since(patch.heard);
+            let has_two = patch.second.is_some_and(|second| now - second < STALE);
+            let (level, message) = match patch.state.why_not_known() {
+                _ if patch.is_unreadable => (2, "its messages have another version".to_owned()),
+                _ if !patch.was_heard => (3, "not heard yet".to_owned()),
+                _ if patch.is_silent => (3, format!("silent for {:.1} s", silence.as_secs_f64())),
+                _ if has_two => (1, "two programs publish it; one is listened to".to_owned()),
+                Some(why) => (1, why.to_owned()),
+                None => (0, "sound".to_owned()),
+            };
+            DiagnosticStatus {
+                level,
+                name: format!("body: {}", patch.name),
+                message,
+                ..DiagnosticStatus::default()
+            }
+        };
+        self.patches.iter().map(status).collect()
+    }
+
     /// Returns the name of a patch, from the settings.
     pub fn name(&self, number: usize) -> &str {
         self.patches.get(number).map_or("", |patch| &patch.name)
     }
 
     /// Returns the latencies from sending by the patch to the list with the message (for heartbeats, to being
-    /// read). They compare the clocks of two computers, so they mean little unless those agree.
-    pub fn latency(&self) -> &Latency {
-        &self.latency
+    /// read); `None` where the clock of a patch's computer differs from this one's, so that they say nothing.
+    pub fn latency(&self) -> Option<&Latency> {
+        let mut delays_s = self.patches.iter().filter_map(|patch| patch.clock.offset_s());
+        delays_s.all(|delay_s| DELAYS_S.contains(&delay_s)).then_some(&self.latency)
     }
 
     /// Forgets the latencies so far.

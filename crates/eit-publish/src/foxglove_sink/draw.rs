@@ -2,7 +2,7 @@
 
 use crate::SkinShape;
 use crate::outbox::{FrameCopy, ImageCopy};
-use eit_skin::{Touch, TouchState};
+use eit_skin::TouchFields;
 use foxglove::messages::{
     ArrowPrimitive, Color, Duration, Grid, LinePrimitive, PackedElementField, Point3, Pose,
     Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Timestamp, Vector2,
@@ -15,8 +15,6 @@ const LIFETIME_S: f64 = 0.5;
 /// second.
 const SLOW_M_S: f64 = 0.02;
 const ARROW_S: f64 = 0.1;
-/// Factor per frame by which the colour range falls after a smaller image.
-const DECAY: f32 = 0.98;
 
 const OUTLINE: Color = Color { r: 0.55, g: 0.58, b: 0.62, a: 1.0 };
 const ELECTRODE: Color = Color { r: 0.95, g: 0.65, b: 0.15, a: 1.0 };
@@ -25,20 +23,19 @@ const INVALID: Color = Color { r: 0.90, g: 0.15, b: 0.20, a: 0.35 };
 const FAULTY: Color = Color { r: 0.75, g: 0.10, b: 0.75, a: 1.0 };
 
 /// Draws; knows the size of the skin once it has drawn its outline.
+#[derive(Debug)]
 pub(super) struct Painter {
     frame_id: String,
     /// Largest side of the skin, metres.
     size_m: f64,
     /// Middle of each electrode, metres.
     electrodes_m: Vec<[f64; 2]>,
-    /// Largest value of recent images, siemens.
-    range: f32,
 }
 
 impl Painter {
     pub(super) fn new(frame_id: &str) -> Self {
         let frame_id = frame_id.to_owned();
-        Self { frame_id, size_m: 0.2, electrodes_m: Vec::new(), range: 0.0 }
+        Self { frame_id, size_m: 0.2, electrodes_m: Vec::new() }
     }
 
     fn entity(&self, id: &str, time: Timestamp, lifetime_s: f64) -> SceneEntity {
@@ -85,15 +82,9 @@ impl Painter {
     /// Draws touches as spheres with velocity and force, and faulty electrodes, replacing the
     /// previous ones.
     pub(super) fn touches(&self, frame: &FrameCopy, time: Timestamp) -> SceneUpdate {
-        let mut entity = self.entity("touches", time, LIFETIME_S);
-        for touch in frame.touches.iter().filter(|touch| touch.state != TouchState::End) {
-            entity.spheres.push(self.sphere(touch));
-            entity.arrows.extend(self.arrow(touch));
-            entity.texts.push(self.label(touch));
-        }
-        if let Some(why) = frame.state.why_not_known() {
-            entity.texts.push(text([0.0; 3], format!("Not known: {why}")));
-        }
+        let why = frame.state.why_not_known().map(|why| format!("Not known: {why}"));
+        let touches = frame.touches.iter().map(TouchFields::from);
+        let mut entity = self.touched(touches, why, time);
         let faulty = frame.faults.iter();
         for [x, y] in faulty.filter_map(|fault| self.electrodes_m.get(fault.electrode)) {
             entity.spheres.push(sphere([*x, *y, 0.0], 0.04 * self.size_m, FAULTY));
@@ -101,12 +92,29 @@ impl Painter {
         SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
     }
 
-    fn sphere(&self, touch: &Touch) -> SpherePrimitive {
+    /// Draws the touches that have not ended, and says what is not known.
+    pub(super) fn touched(
+        &self,
+        touches: impl Iterator<Item = TouchFields>,
+        not_known: Option<String>,
+        time: Timestamp,
+    ) -> SceneEntity {
+        let mut entity = self.entity("touches", time, LIFETIME_S);
+        for touch in touches.filter(|touch| touch.state != "end") {
+            entity.spheres.push(self.sphere(&touch));
+            entity.arrows.extend(self.arrow(&touch));
+            entity.texts.push(self.label(&touch));
+        }
+        entity.texts.extend(not_known.map(|why| text([0.0; 3], why)));
+        entity
+    }
+
+    fn sphere(&self, touch: &TouchFields) -> SpherePrimitive {
         let color = if touch.valid { VALID } else { INVALID };
         sphere(touch.position_m, 0.06 * self.size_m, color)
     }
 
-    fn arrow(&self, touch: &Touch) -> Option<ArrowPrimitive> {
+    fn arrow(&self, touch: &TouchFields) -> Option<ArrowPrimitive> {
         let [x, y, z] = touch.velocity_m_s;
         let speed = (x * x + y * y + z * z).sqrt();
         (speed.is_finite() && speed > SLOW_M_S).then(|| ArrowPrimitive {
@@ -122,9 +130,9 @@ impl Painter {
         })
     }
 
-    fn label(&self, touch: &Touch) -> TextPrimitive {
+    fn label(&self, touch: &TouchFields) -> TextPrimitive {
         let [x, y, z] = touch.position_m;
-        let label = match touch.force_n() {
+        let label = match touch.force_n {
             Some(force_n) => format!("{} {force_n:.1} N", touch.id),
             None => touch.id.to_string(),
         };
@@ -133,17 +141,14 @@ impl Painter {
 
     /// An image as a grid, whose first cell is at the least x and y: conductivity change in siemens, and colours,
     /// transparent outside the skin.
-    pub(super) fn grid(&mut self, image: &ImageCopy, extent_m: [f64; 4], time: Timestamp) -> Grid {
+    pub(super) fn grid(&self, image: &ImageCopy, extent_m: [f64; 4], time: Timestamp) -> Grid {
         const CELL: u32 = 8;
         let [x0, x1, y0, y1] = extent_m;
-        let finite = image.values.iter().filter(|value| value.is_finite());
-        let largest = finite.fold(f32::MIN_POSITIVE, |most, value| most.max(value.abs()));
-        self.range = largest.max(DECAY * self.range);
         let mut data = Vec::with_capacity(image.values.len() * CELL as usize);
         for row in image.values.chunks_exact(image.columns.max(1)).rev() {
             for value in row {
                 data.extend_from_slice(&value.to_le_bytes());
-                data.extend_from_slice(&color(value / self.range));
+                data.extend_from_slice(&color(value / image.range));
             }
         }
         let field = |name: &str, offset, kind: packed_element_field::NumericType| {
@@ -200,7 +205,7 @@ fn vector([x, y, z]: [f64; 3]) -> Vector3 {
     Vector3 { x, y, z }
 }
 
-fn pose(position: [f64; 3]) -> Pose {
+pub(super) fn pose(position: [f64; 3]) -> Pose {
     let orientation = Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
     Pose { position: Some(vector(position)), orientation: Some(orientation) }
 }

@@ -39,7 +39,7 @@ fn what_is_old_is_dropped() {
 fn the_latest_image_replaces_one_that_was_not_sent() {
     let outbox = Outbox::default();
     for value in [1.0, 2.0] {
-        outbox.image(eit_skin::ndarray::arr2(&[[value, f64::NAN]]).view());
+        outbox.image(eit_skin::ndarray::arr2(&[[value, f64::NAN]]).view(), 0.0);
     }
     let Next::Image(image) = outbox.next(Duration::ZERO) else { panic!("an image") };
     assert_eq!((image.rows, image.columns, image.values[0]), (1, 2, 2.0));

@@ -155,7 +155,7 @@ impl Publisher {
     pub fn image<'a>(&self, image: impl Into<SkinImage<'a>>) -> Result<(), PublishError> {
         let image = image.into();
         #[cfg(any(feature = "foxglove", feature = "zenoh"))]
-        self.queued().for_each(|sink| sink.worker().outbox.image(image.change_s));
+        self.queued().for_each(|sink| sink.worker().outbox.image(image.change_s, image.faintest_s));
         #[cfg(feature = "web")]
         if let Some(web) = &self.web {
             web.tell(&serde_json::to_vec(&crate::web::ImageEvent::new(&image))?);

@@ -20,6 +20,33 @@ const DEFINITIONS: &[(&str, &str)] = &[
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n\
          uint32 step\nuint8[] data",
     ),
+    ("sensor_msgs/msg/CompressedImage", "std_msgs/Header header\nstring format\nuint8[] data"),
+    ("builtin_interfaces/msg/Duration", "int32 sec\nuint32 nanosec"),
+    ("std_msgs/msg/ColorRGBA", "float32 r\nfloat32 g\nfloat32 b\nfloat32 a"),
+    ("geometry_msgs/msg/Transform", "Vector3 translation\nQuaternion rotation"),
+    (
+        "geometry_msgs/msg/TransformStamped",
+        "std_msgs/Header header\nstring child_frame_id\nTransform transform",
+    ),
+    ("tf2_msgs/msg/TFMessage", "geometry_msgs/TransformStamped[] transforms"),
+    ("visualization_msgs/msg/UVCoordinate", "float32 u\nfloat32 v"),
+    ("visualization_msgs/msg/MeshFile", "string filename\nuint8[] data"),
+    (
+        "visualization_msgs/msg/Marker",
+        "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\n\
+         geometry_msgs/Pose pose\ngeometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\n\
+         builtin_interfaces/Duration lifetime\nbool frame_locked\ngeometry_msgs/Point[] points\n\
+         std_msgs/ColorRGBA[] colors\nstring texture_resource\n\
+         sensor_msgs/CompressedImage texture\nUVCoordinate[] uv_coordinates\nstring text\n\
+         string mesh_resource\nMeshFile mesh_file\nbool mesh_use_embedded_materials",
+    ),
+    ("visualization_msgs/msg/MarkerArray", "Marker[] markers"),
+    (
+        "nav_msgs/msg/MapMetaData",
+        "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\n\
+         geometry_msgs/Pose origin",
+    ),
+    ("nav_msgs/msg/OccupancyGrid", "std_msgs/Header header\nMapMetaData info\nint8[] data"),
     ("diagnostic_msgs/msg/KeyValue", "string key\nstring value"),
     (
         "diagnostic_msgs/msg/DiagnosticStatus",

@@ -7,6 +7,11 @@ use twox_hash::XxHash3_128;
 /// Reliability (reliable), durability (volatile), history (keep the last, 10) and defaults for the rest. Each is
 /// written out: what an empty one means has changed between versions of `rmw_zenoh`.
 const QUALITY: &str = "1:2:1,10:,:,:,,";
+/// The same for the topic of fixed transforms, which ROS 2 expects to be kept for those who subscribe later (transient local). They
+/// are repeated instead.
+const KEPT: &str = "1:1:1,10:,:,:,,";
+/// Topic of fixed transforms, such as those of the patches of a body.
+pub(crate) const TF_STATIC: &str = "tf_static";
 
 /// Identity of a ROS 2 publisher of one topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,9 +51,10 @@ impl Endpoint {
         let dds = format!("{package}::msg::dds_::{name}_");
         let key = format!("{domain}/{topic}/{dds}/{hash}");
         let named = topic.replace('/', "%");
+        let quality = if topic == TF_STATIC { KEPT } else { QUALITY };
         // the node has number 0, the root as its namespace and no enclave
         let token = format!(
-            "@ros2_lv/{domain}/{session}/0/{number}/MP/%/%/{node}/%{named}/{dds}/{hash}/{QUALITY}"
+            "@ros2_lv/{domain}/{session}/0/{number}/MP/%/%/{node}/%{named}/{dds}/{hash}/{quality}"
         );
         let gid = XxHash3_128::oneshot(token.as_bytes()).to_le_bytes();
         Ok(Self { key, token, gid })

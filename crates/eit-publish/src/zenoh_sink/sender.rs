@@ -6,11 +6,11 @@ use crate::error::PublishError;
 use crate::outbox::{FrameCopy, ImageCopy, Incident, Next, Outbox, Severity};
 use crate::publisher::clock_s;
 use crate::ros::{
-    DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header, Image, KeyValue, Pose,
-    PoseStamped, RosMessage, Time, TouchArray, TouchMessage, skin_state,
+    DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header, Image, KeyValue, MarkerArray,
+    OccupancyGrid, Pose, PoseStamped, RosMessage, Time, TouchArray, TouchMessage, skin_state,
 };
 use eit_skin::SkinState;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -21,7 +21,7 @@ const TICK: Duration = Duration::from_millis(100);
 /// A skin without a frame for this long is reported as stale.
 const STALE: Duration = Duration::from_secs(1);
 /// Topic on which ROS 2 collects diagnostics.
-const DIAGNOSTICS: &str = "diagnostics";
+pub(crate) const DIAGNOSTICS: &str = "diagnostics";
 
 /// Names for diagnostics.
 #[derive(Debug, Clone, Default)]
@@ -36,12 +36,20 @@ pub(super) struct Shared {
     pub(crate) sent: AtomicU64,
     pub(crate) refused: AtomicU64,
     pub(crate) wants_images: AtomicBool,
+    /// Number of other programs that publish the same touches.
+    pub(crate) rivals: AtomicUsize,
     names: Mutex<Names>,
+    /// Extent of images, metres.
+    extent_m: Mutex<Option<[f64; 4]>>,
 }
 
 impl Shared {
     pub(super) fn set_names(&self, names: Names) {
         *self.names.lock().unwrap_or_else(PoisonError::into_inner) = names;
+    }
+
+    pub(super) fn set_extent(&self, extent_m: [f64; 4]) {
+        *self.extent_m.lock().unwrap_or_else(PoisonError::into_inner) = Some(extent_m);
     }
 
     fn names(&self) -> Names {
@@ -61,7 +69,11 @@ struct Period {
 pub(super) struct Sender {
     node: RosNode,
     touches: RosPublisher<TouchArray>,
+    markers: RosPublisher<MarkerArray>,
     image: RosPublisher<Image>,
+    map: RosPublisher<OccupancyGrid>,
+    /// Whether somebody subscribes to markers, the image, the map.
+    wanted: [bool; 3],
     diagnostics: RosPublisher<DiagnosticArray>,
     pose: Option<(RosPublisher<PoseStamped>, String, Pose)>,
     frame_id: String,
@@ -95,7 +107,10 @@ impl Sender {
         };
         Ok(Self {
             touches: node.advertise(&format!("{topic}/touches"))?,
+            markers: node.advertise(&format!("{topic}/markers"))?,
             image: node.advertise(&format!("{topic}/image"))?,
+            map: node.advertise(&format!("{topic}/map"))?,
+            wanted: [false; 3],
             diagnostics: node.advertise(DIAGNOSTICS)?,
             node,
             pose,
@@ -171,10 +186,38 @@ impl Sender {
         message.touches.clear();
         message.touches.extend(frame.touches.iter().map(TouchMessage::from));
         count(&self.shared, &mut self.touches, &self.message);
+        if self.wanted[0] {
+            let not_known = frame.state.why_not_known().map(|why| format!("not known: {why}"));
+            let TouchArray { header, touches, .. } = &self.message;
+            let markers = MarkerArray::of_touches(header, touches.iter(), not_known);
+            count(&self.shared, &mut self.markers, &markers);
+        }
     }
 
     fn image(&mut self, image: &ImageCopy) {
         let [height, width] = [image.rows, image.columns].map(|size| size as u32);
+        let extent_m = *self.shared.extent_m.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (true, Some([x0, x1, y0, _])) = (self.wanted[2], extent_m) {
+            let rows = image.values.chunks_exact(image.columns.max(1)).rev().flatten();
+            let cell = |value: &f32| match value.is_finite() {
+                true => (100.0 * (value / image.range).abs().min(1.0)) as i8,
+                false => -1,
+            };
+            let origin = Pose { position: [x0, y0, 0.0].into(), ..Pose::default() };
+            let map = OccupancyGrid {
+                header: self.header(image.host_time_s),
+                map_load_time: self.header(image.host_time_s).stamp,
+                resolution: ((x1 - x0) / image.columns.max(1) as f64) as f32,
+                width,
+                height,
+                origin,
+                data: rows.map(cell).collect(),
+            };
+            count(&self.shared, &mut self.map, &map);
+        }
+        if !self.wanted[1] {
+            return;
+        }
         let message = Image {
             header: self.header(image.host_time_s),
             height,
@@ -194,8 +237,10 @@ impl Sender {
 
     /// Publishes diagnostics and pose.
     fn state(&mut self, outbox: &Outbox) {
-        let images = self.image.has_subscriber();
-        self.shared.wants_images.store(images, Ordering::Relaxed);
+        self.wanted =
+            [self.markers.has_subscriber(), self.image.has_subscriber(), self.map.has_subscriber()];
+        let wants_images = self.wanted[1] || self.wanted[2];
+        self.shared.wants_images.store(wants_images, Ordering::Relaxed);
         let message = DiagnosticArray {
             header: Header { stamp: Time::from_seconds(clock_s()), frame_id: String::new() },
             status: vec![self.status(outbox)],
@@ -227,6 +272,8 @@ impl Sender {
             (1, format!("faulty electrodes: {}", self.faulty))
         } else if let Some(why) = self.skin_state.why_not_known() {
             (if self.skin_state == SkinState::NoData { 3 } else { 1 }, why.to_owned())
+        } else if self.shared.rivals.load(Ordering::Relaxed) > 0 {
+            (1, "another program publishes these topics, too".to_owned())
         } else if dropped > 0 {
             (1, format!("{dropped} frames dropped before sending"))
         } else {

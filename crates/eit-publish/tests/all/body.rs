@@ -4,8 +4,8 @@
 use crate::common::{endpoint, frame, touch};
 use eit_publish::body::{Body, BodyNews, BodySettings, BodyState, Origin, Placement};
 use eit_publish::ros::{
-    Attachment, BodyTouchArray, Header, PoseStamped, Time, TouchArray, TouchMessage, from_cdr,
-    skin_state, touch_state,
+    Attachment, BodyTouchArray, Header, MarkerArray, PoseStamped, TfMessage, Time, TouchArray,
+    TouchMessage, from_cdr, skin_state, touch_state,
 };
 use eit_publish::{Publisher, SessionSettings, ZenohSettings, ZenohSink};
 use eit_skin::{SkinState, Touch};
@@ -219,7 +219,11 @@ fn two_publishers_are_named() {
     assert_eq!(bench.hear(0, 2, 1, 0.11, &[]), Some(BodyNews::TwoPublishers { patch: 0 }));
     assert_eq!(bench.hear(0, 2, 2, 0.12, &[]), None);
     assert_eq!(bench.list(0.13), [(0, 5, touch_state::HOLD)]);
+    let status = |bench: &Bench, at_s: f64| bench.state.diagnostics(bench.at(at_s))[0].clone();
+    let two = status(&bench, 0.13);
+    assert!(two.level == 1 && two.message.starts_with("two programs"), "{}", two.message);
     bench.silences(0.6);
+    assert_eq!(status(&bench, 0.6).message, "silent for 0.5 s");
     assert!(matches!(bench.hear(0, 2, 9, 0.6, &[]), Some(BodyNews::Back { .. })));
     assert_eq!(bench.list(0.61), [(0, 5, touch_state::END)]);
 }
@@ -374,14 +378,14 @@ fn two_patches_by_zenoh() {
     let states = body.patches();
     assert!(states.iter().all(|state| state.lost == 0 && state.received > 0), "{states:?}");
     assert_eq!(body.dropped(), [0, 0]);
-    assert!(body.latency().quantile_s(0.5).unwrap() < 0.5);
+    assert!(body.latency().unwrap().quantile_s(0.5).unwrap() < 0.5);
 
     // poses are published every second
-    let mut lists = 0;
-    let mut poses = 0;
+    let (mut lists, mut poses, mut frames, mut markers) = (0, 0, 0, 0);
     let begun = Instant::now();
-    while lists == 0 || poses == 0 {
-        assert!(begun.elapsed() < LIMIT, "{lists} lists with two touches, {poses} poses");
+    while lists == 0 || poses == 0 || frames == 0 || markers == 0 {
+        let all = [lists, poses, frames, markers];
+        assert!(begun.elapsed() < LIMIT, "lists with two touches, poses, frames, markers: {all:?}");
         body.next(Duration::from_millis(20));
         let Ok((key, payload)) = heard.try_recv() else { continue };
         if key.starts_with("0/body/touches/eit_skin_msgs::msg::dds_::BodyTouchArray_/RIHS01_") {
@@ -392,8 +396,69 @@ fn two_patches_by_zenoh() {
             let pose: PoseStamped = from_cdr(&payload).unwrap();
             assert_eq!((pose.header.frame_id.as_str(), pose.pose.position.x), ("torso", 1.0));
             poses += 1;
+        } else if key.starts_with("0/tf_static/") {
+            let tf: TfMessage = from_cdr(&payload).unwrap();
+            let arm = &tf.transforms[0];
+            assert_eq!(
+                (arm.header.frame_id.as_str(), arm.child_frame_id.as_str()),
+                ("torso", "left")
+            );
+            assert_eq!(<[f64; 3]>::from(arm.translation), [1.0, 0.0, 0.0]);
+            frames += 1;
+        } else if key.starts_with("0/body/markers/") {
+            markers += from_cdr::<MarkerArray>(&payload).unwrap().markers.len();
         }
     }
+}
+
+/// Foxglove sees the touches of all patches, their frames, and what happens to them.
+#[cfg(feature = "foxglove")]
+#[test]
+fn foxglove_is_shown_a_body() {
+    use crate::foxglove_sink::Client;
+    use eit_publish::FoxgloveBody;
+    use foxglove::Decode as _;
+    use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
+    let address = endpoint();
+    let mut settings = BodySettings::parse(FILE).unwrap();
+    settings.session.listen = vec![address.clone()];
+    let mut body = Body::open(&settings).unwrap();
+    let mut shown = FoxgloveBody::new("127.0.0.1:0", &settings).unwrap();
+    let mut client = Client::new(shown.address());
+    client.subscribe(&["/body/scene", "/tf", "/body/log"]);
+    let (over, is_over) = std::sync::mpsc::channel::<()>();
+    let speaking = std::thread::spawn(move || {
+        let mut left = patch("skin/left", &address);
+        while is_over.try_recv().is_err() {
+            left.touches(&frame(1, &[touch()], &[])).unwrap();
+            if let Some(news) = body.next(Duration::from_millis(10)) {
+                shown.show(&body, &news);
+            }
+        }
+    });
+    let begun = Instant::now();
+    let (mut touched, mut frames, mut said) = (0, 0, String::new());
+    while touched == 0 || frames == 0 || !said.contains("right: silent") {
+        assert!(begun.elapsed() < LIMIT, "{touched} touches, {frames} frames, {said}");
+        let (subscription, payload) = client.message();
+        match subscription {
+            0 => {
+                let scene = SceneUpdate::decode(payload.as_slice()).unwrap();
+                let sphere = scene.entities[0].spheres.first();
+                let at = sphere.map(|sphere| sphere.pose.clone().unwrap().position.unwrap());
+                touched +=
+                    at.iter().filter(|at| near([at.x, at.y, at.z], [1.01, 0.03, 0.0])).count();
+            }
+            1 => {
+                let found = FrameTransforms::decode(payload.as_slice()).unwrap();
+                assert_eq!(found.transforms[1].child_frame_id, "right");
+                frames += 1;
+            }
+            _ => said += &format!("{}; ", Log::decode(payload.as_slice()).unwrap().message),
+        }
+    }
+    over.send(()).unwrap();
+    speaking.join().unwrap();
 }
 
 /// Whoever waits without a limit gets the next list, however long that limit is.

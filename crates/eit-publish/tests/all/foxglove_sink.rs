@@ -132,10 +132,10 @@ fn a_recording_holds_scene_image_and_log() {
 }
 
 /// A client of the protocol `foxglove.sdk.v1`, as little of it as a test needs.
-struct Client(TcpStream);
+pub(crate) struct Client(TcpStream);
 
 impl Client {
-    fn new(address: std::net::SocketAddr) -> Self {
+    pub(crate) fn new(address: std::net::SocketAddr) -> Self {
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(LIMIT)).unwrap();
         let request = format!(
@@ -153,6 +153,34 @@ impl Client {
         let head = String::from_utf8(head).unwrap();
         assert!(head.starts_with("HTTP/1.1 101 "), "{head}");
         Self(stream)
+    }
+
+    /// Subscribes to topics, with their places as numbers.
+    pub(crate) fn subscribe(&mut self, topics: &[&str]) {
+        let channels = loop {
+            let (_, content) = self.next();
+            let said: Value = serde_json::from_slice(&content).unwrap();
+            if said["op"] == "advertise" {
+                break said["channels"].as_array().unwrap().clone();
+            }
+        };
+        for (place, topic) in topics.iter().enumerate() {
+            let channel = channels.iter().find(|channel| channel["topic"] == *topic);
+            let subscription = json!({ "id": place, "channelId": channel.expect(topic)["id"] });
+            self.say(&json!({ "op": "subscribe", "subscriptions": [subscription] }));
+        }
+    }
+
+    /// Number of the subscription and content of the next message.
+    pub(crate) fn message(&mut self) -> (usize, Vec<u8>) {
+        loop {
+            let (kind, content) = self.next();
+            if kind == 2 && content[0] == 1 {
+                // a message: subscription, time, payload
+                let number = u32::from_le_bytes(content[1..5].try_into().unwrap());
+                return (number as usize, content[13..].to_vec());
+            }
+        }
     }
 
     /// Kind (1: text, 2: binary) and content of the next frame (RFC 6455, section 5.2).
@@ -193,21 +221,7 @@ fn a_client_sees_the_skin_live() {
     publisher.skin(&shape()).unwrap();
     publisher.start(&start()).unwrap();
     let mut client = Client::new(address);
-    let channels = loop {
-        let (_, content) = client.next();
-        let said: Value = serde_json::from_slice(&content).unwrap();
-        if said["op"] == "advertise" {
-            break said["channels"].clone();
-        }
-    };
-    let id = |topic: &str| {
-        let channel = channels.as_array().unwrap().iter().find(|channel| channel["topic"] == topic);
-        channel.expect(topic)["id"].clone()
-    };
-    let subscriptions = json!([
-        { "id": 1, "channelId": id("/skin/scene") }, { "id": 2, "channelId": id("/skin/image") },
-    ]);
-    client.say(&json!({ "op": "subscribe", "subscriptions": subscriptions }));
+    client.subscribe(&["/skin/scene", "/skin/image"]);
     let (over, is_over) = std::sync::mpsc::channel::<()>();
     let speaking = std::thread::spawn(move || {
         let mut sequence = 0;
@@ -225,14 +239,9 @@ fn a_client_sees_the_skin_live() {
     let (mut outlines, mut touches, mut images) = (0, 0, 0);
     while outlines < 2 || touches < 10 || images < 5 {
         assert!(begun.elapsed() < LIMIT, "{outlines} outlines, {touches} touches, {images} images");
-        let (kind, content) = client.next();
-        if kind != 2 || content[0] != 1 {
-            continue;
-        }
-        // a message: subscription, time, payload
-        let subscription = u32::from_le_bytes(content[1..5].try_into().unwrap());
-        let payload = &content[13..];
-        if subscription == 2 {
+        let (subscription, payload) = client.message();
+        let payload = payload.as_slice();
+        if subscription == 1 {
             assert_eq!(Grid::decode(payload).unwrap().column_count, 2);
             images += 1;
             continue;

@@ -5,9 +5,9 @@
 use eit_publish::PublishError;
 use eit_publish::ros::{
     Attachment, BodyTouch, BodyTouchArray, DiagnosticArray, DiagnosticStatus,
-    ElectrodeFaultMessage, Endpoint, Header, Image, KeyValue, PatchState, Pose, PoseStamped,
-    Quaternion, RosMessage, Time, TouchArray, TouchMessage, check_topic, from_cdr, to_cdr,
-    touch_state, type_hash,
+    ElectrodeFaultMessage, Endpoint, Header, Image, KeyValue, Marker, MarkerArray, OccupancyGrid,
+    PatchState, Pose, PoseStamped, Quaternion, RosMessage, TfMessage, Time, TouchArray,
+    TouchMessage, TransformStamped, check_topic, from_cdr, to_cdr, touch_state, type_hash,
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -125,13 +125,69 @@ fn every_message_has_the_bytes_of_another_encoder() {
         touches: vec![joined],
     };
     check("body", &body);
+    let pose = Pose { position: [0.1, 0.2, 0.3].into(), orientation };
+    let color = [0.5, 0.25, 0.125, 1.0];
+    let marker = Marker {
+        header: header(1_700_000_000, 250_000_000, "arm"),
+        ns: "touches".into(),
+        id: 1,
+        kind: 9,
+        pose,
+        scale: [0.01; 3].into(),
+        color,
+        lifetime: Time { sec: 0, nanosec: 500_000_000 },
+        points: vec![[1.0, 2.0, 3.0].into()],
+        colors: vec![color],
+        uv_coordinates: vec![[0.5, 0.25]],
+        text: "7 1.5 N".into(),
+        ..Marker::default()
+    };
+    check("markers", &MarkerArray { markers: vec![marker] });
+    let transform = TransformStamped {
+        header: header(1_700_000_000, 250_000_000, "base_link"),
+        child_frame_id: "arm".into(),
+        translation: [0.1, 0.2, 0.3].into(),
+        rotation: orientation,
+    };
+    check("transforms", &TfMessage { transforms: vec![transform] });
+    let map = OccupancyGrid {
+        header: header(1_700_000_000, 250_000_000, "arm"),
+        map_load_time: Time { sec: 1_700_000_000, nanosec: 250_000_000 },
+        resolution: 0.25,
+        width: 2,
+        height: 1,
+        origin: pose,
+        data: vec![-1, 100],
+    };
+    check("map", &map);
+}
+
+/// All markers are replaced; touches that have ended are left out, others have a sphere and a label, pale if not valid.
+#[test]
+fn touches_are_drawn_as_markers() {
+    let uncertain = TouchMessage { valid: false, ..touch(9, touch_state::BEGIN, f64::NAN) };
+    let found = [touch(7, touch_state::HOLD, 1.5), touch(8, touch_state::END, 0.25), uncertain];
+    let made = MarkerArray::of_touches(&header(1, 2, "arm"), found.iter(), Some("why".to_owned()));
+    let drawn: Vec<_> = made.markers.iter().map(|m| (m.id, m.action, m.kind, &*m.text)).collect();
+    let (add, sphere, text) = (0, 2, 9);
+    let wanted = [
+        (0, 3, 0, ""),
+        (1, add, sphere, ""),
+        (2, add, text, "7 1.5 N"),
+        (3, add, sphere, ""),
+        (4, add, text, "9"),
+        (5, add, text, "why"),
+    ];
+    assert_eq!(drawn, wanted);
+    assert!(made.markers[3].color[3] < made.markers[1].color[3]);
+    assert!(made.markers.iter().all(|marker| marker.header.frame_id == "arm"));
 }
 
 /// The hashes of messages that ROS 2 publishes, and those of our own package.
 #[test]
 fn type_hashes_are_those_of_ros() {
     let hashes = reference()["hashes"].as_object().unwrap().clone();
-    assert_eq!(hashes.len(), 11);
+    assert_eq!(hashes.len(), 14);
     for (name, wanted) in &hashes {
         assert_eq!(type_hash(name).as_ref(), wanted.as_str().map(str::to_owned).as_ref(), "{name}");
     }

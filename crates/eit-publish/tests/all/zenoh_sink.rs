@@ -3,10 +3,12 @@
 
 use crate::common::{FAULTS, endpoint, frame, start, touch};
 use eit_publish::ros::{
-    Attachment, DiagnosticArray, Image, PoseStamped, TouchArray, from_cdr, skin_state, touch_state,
-    type_hash,
+    Attachment, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PoseStamped, TouchArray,
+    from_cdr, skin_state, touch_state, type_hash,
 };
-use eit_publish::{PublishError, Publisher, SessionSettings, ZenohSettings, ZenohSink};
+use eit_publish::{
+    PublishError, Publisher, SessionSettings, SkinImage, SkinShape, ZenohSettings, ZenohSink,
+};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
 use eit_skin::{SkinState, Touch, TouchState};
@@ -139,23 +141,42 @@ fn a_subscriber_gets_every_frame() {
     assert!(listener.samples.try_recv().is_err(), "nothing twice");
 }
 
-/// Images are made and sent once somebody subscribes to them; NaN outside the skin stays NaN.
+/// Images and markers are made and sent once somebody subscribes to them; NaN outside the skin stays NaN. A map has the size of the
+/// skin, and no colour for changes that no touch is faint enough for.
 #[test]
 fn images_are_sent_to_who_subscribes() {
     let address = endpoint();
-    let images = Listener::new(&address, &key("skin/arm/image", "sensor_msgs", "Image"));
+    let session = settings(&[], &[&address]).open().unwrap();
+    let maps = Listener::within(session.clone(), "3/skin/arm/map/**");
+    let markers = Listener::within(session.clone(), "3/skin/arm/markers/**");
+    let images = Listener::within(session, &key("skin/arm/image", "sensor_msgs", "Image"));
     let sink = sink(&address, |settings| settings.domain = 3);
     let mut publisher = Publisher::new().with_zenoh(sink);
+    let shape = SkinShape {
+        name: "arm".to_owned(),
+        outlines_m: Vec::new(),
+        electrodes_m: Vec::new(),
+        extent_m: [-0.15, 0.15, -0.1, 0.1],
+    };
+    publisher.skin(&shape).unwrap();
     publisher.start(&start()).unwrap();
     let begun = Instant::now();
     while !publisher.wants_image() {
         assert!(begun.elapsed() < LIMIT, "a subscriber of images is not seen");
-        publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
+        publisher.touches(&frame(1, &[touch()], &FAULTS)).unwrap();
         std::thread::sleep(Duration::from_millis(10));
     }
+    let drawn: MarkerArray = message(&markers.next());
+    assert_eq!((drawn.markers.len(), drawn.markers[1].header.frame_id.as_str()), (3, "left_arm"));
     assert!(publisher.takes_images() && publisher.has_viewer());
     assert!(!publisher.wants_image(), "the last one is not old enough");
-    publisher.image(array![[1e-6, f64::NAN, 0.0], [-2e-6, 0.5e-6, 0.0]].view()).unwrap();
+    let change_s = array![[1e-6, f64::NAN, 0.0], [-2e-6, 0.5e-6, 0.0]];
+    let image = SkinImage { faintest_s: 1e-5, ..change_s.view().into() };
+    publisher.image(image).unwrap();
+    let map: OccupancyGrid = message(&maps.next());
+    assert_eq!((map.width, map.height, map.resolution), (3, 2, 0.1));
+    let corner: [f64; 3] = map.origin.position.into();
+    assert_eq!((corner, map.data.as_slice()), ([-0.15, -0.1, 0.0], &[20, 5, 0, 10, -1, 0][..]));
     let sample = images.next();
     assert_eq!(sample.key_expr().as_str(), key("skin/arm/image", "sensor_msgs", "Image"));
     let image: Image = message(&sample);
@@ -315,7 +336,7 @@ fn a_router_forwards_messages_and_tokens() {
     let sample = until_heard(&mut publisher, &listener);
     assert_eq!(message::<TouchArray>(&sample).header.frame_id, "left_arm");
     let mut announced = Vec::new();
-    while announced.len() < 4 {
+    while announced.len() < 6 {
         let (kind, token) = tokens.recv_timeout(LIMIT).expect("a token");
         assert_eq!(kind, SampleKind::Put);
         announced.push(token);
@@ -325,10 +346,27 @@ fn a_router_forwards_messages_and_tokens() {
         .iter()
         .map(|token| (token.split('/').nth(5).unwrap(), token.split('/').nth(9).unwrap_or("")))
         .collect();
-    let topics = ["%skin%arm%touches", "%skin%arm%image", "%diagnostics"];
-    assert_eq!(said, [("NN", ""), ("MP", topics[0]), ("MP", topics[1]), ("MP", topics[2])]);
+    let of_skin = ["touches", "markers", "image", "map"].map(|topic| format!("%skin%arm%{topic}"));
+    let topics = of_skin.iter().map(String::as_str).chain(["%diagnostics"]);
+    let wanted = std::iter::once(("NN", "")).chain(topics.map(|topic| ("MP", topic)));
+    assert_eq!(said, wanted.collect::<Vec<_>>());
     assert!(announced.iter().all(|token| token.contains("/%/%/eit_skin_arm")));
-    // the end of the program takes them back
+    // both hear of another program that publishes the same, and of its end
+    let rivals = |publisher: &Publisher| publisher.zenoh()[0].rivals();
+    let until = |wanted: &dyn Fn() -> bool| {
+        let begun = Instant::now();
+        while !wanted() {
+            assert!(begun.elapsed() < LIMIT, "the other is not heard of");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    };
+    assert_eq!(rivals(&publisher), 0);
+    let other = Publisher::new().with_zenoh(self::sink(&address, |settings| settings.domain = 3));
+    until(&|| rivals(&publisher) == 1 && rivals(&other) == 1);
+    drop(other);
+    until(&|| rivals(&publisher) == 0);
+    // the end of the program takes the tokens back
+    drop(tokens.try_iter().last());
     drop(publisher);
     let (kind, _) = tokens.recv_timeout(LIMIT).expect("an end");
     assert_eq!(kind, SampleKind::Delete);

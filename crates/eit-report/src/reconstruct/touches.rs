@@ -32,6 +32,21 @@ pub(crate) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), Re
     })
 }
 
+/// Writes a row that tells the state of the skin in a frame without touches; its other columns are empty.
+///
+/// # Errors
+///
+/// A writer that fails.
+pub(crate) fn write_state(
+    frame: u64,
+    time_s: f64,
+    skin: SkinState,
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
+    let none = ",".repeat(HEADER.matches(',').count() - 1);
+    writeln!(out, "{frame},{time_s:.6}{none}{}", skin.name()).map_err(io)
+}
+
 /// Writes one row.
 ///
 /// # Errors

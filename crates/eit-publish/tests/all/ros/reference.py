@@ -103,7 +103,57 @@ joined = make(
     stamp=stamp(1700000000, 250000000),
     touch=touch(7, 1, 1.5),
 )
+color = {"r": 0.5, "g": 0.25, "b": 0.125, "a": 1.0}
+marker = make(
+    "visualization_msgs/msg/Marker",
+    header=header(1700000000, 250000000, "arm"),
+    ns="touches",
+    id=1,
+    type=9,
+    action=0,
+    pose=pose,
+    scale=point(0.01, 0.01, 0.01, "Vector3"),
+    color=make("std_msgs/msg/ColorRGBA", **color),
+    lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=500000000),
+    frame_locked=False,
+    points=[point(1.0, 2.0, 3.0)],
+    colors=[make("std_msgs/msg/ColorRGBA", **color)],
+    texture_resource="",
+    texture=make("sensor_msgs/msg/CompressedImage", header=header(0, 0, ""), format="", data=np.zeros(0, dtype=np.uint8)),
+    uv_coordinates=[make("visualization_msgs/msg/UVCoordinate", u=0.5, v=0.25)],
+    text="7 1.5 N",
+    mesh_resource="",
+    mesh_file=make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, dtype=np.uint8)),
+    mesh_use_embedded_materials=False,
+)
+transform = make(
+    "geometry_msgs/msg/TransformStamped",
+    header=header(1700000000, 250000000, "base_link"),
+    child_frame_id="arm",
+    transform=make(
+        "geometry_msgs/msg/Transform", translation=point(0.1, 0.2, 0.3, "Vector3"), rotation=pose.orientation
+    ),
+)
+info = make(
+    "nav_msgs/msg/MapMetaData",
+    map_load_time=stamp(1700000000, 250000000),
+    resolution=0.25,
+    width=2,
+    height=1,
+    origin=pose,
+)
 messages = {
+    "markers": ("visualization_msgs/msg/MarkerArray", make("visualization_msgs/msg/MarkerArray", markers=[marker])),
+    "transforms": ("tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=[transform])),
+    "map": (
+        "nav_msgs/msg/OccupancyGrid",
+        make(
+            "nav_msgs/msg/OccupancyGrid",
+            header=header(1700000000, 250000000, "arm"),
+            info=info,
+            data=np.array([-1, 100], dtype=np.int8),
+        ),
+    ),
     "touches": ("eit_skin_msgs/msg/TouchArray", touches("arm", [fault], [touch(7, 1, 1.5), touch(8, 2, 0.25)])),
     # names of another length move every field behind them
     "untouched": ("eit_skin_msgs/msg/TouchArray", touches("left_forearm", [], [])),
