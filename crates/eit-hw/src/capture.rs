@@ -15,6 +15,7 @@ mod record;
 mod recorder;
 mod records;
 mod recover;
+mod scene;
 mod stream;
 mod write;
 

@@ -15,15 +15,14 @@ use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may queue while a recorder waits for the disk: 8 s at 1000 frames per second.
 const RECORDER_FRAMES: usize = 8192;
-/// Smallest queue for a consumer that may skip frames, frames; at higher rates it holds a fixed
-/// number of seconds, so that a pause of the program loses no frame of a fast instrument.
-const LEAST_FRAMES: usize = 8;
-const LATEST_S: f64 = 0.25;
+/// Frames that may queue for a consumer that may skip them: a program that pauses for a quarter of a second loses none at 100 frames
+/// per second, and one that is too slow for 1000 per second is 25 ms behind.
+const LATEST_FRAMES: usize = 25;
 
 /// How far the consumer of an instrument's frames may fall behind, and what happens then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Backlog {
-    /// For a robot's loop, which acts on the present: a quarter of a second; then the oldest frames are skipped.
+    /// For a robot's loop, which acts on the present: 25 frames; then the oldest are skipped.
     Latest,
     /// For recorders and measurements, which must not lose a frame: 8 192 frames; then the session ends with
     /// [`HwError::Overflow`].
@@ -38,16 +37,12 @@ impl Backlog {
         }
     }
 
-    fn frames(self, rate_hz: f64) -> usize {
+    fn frames(self) -> usize {
         match self {
-            Self::Latest => frames_in(LATEST_S, rate_hz),
+            Self::Latest => LATEST_FRAMES,
             Self::Recorded => RECORDER_FRAMES,
         }
     }
-}
-
-fn frames_in(seconds: f64, rate_hz: f64) -> usize {
-    ((seconds * rate_hz).ceil() as usize).max(LEAST_FRAMES)
 }
 
 /// Opens the scene's instrument for a recorder and a consumer that may be slower: as [`Backlog::Latest`], but frames that are skipped
@@ -59,8 +54,7 @@ fn frames_in(seconds: f64, rate_hz: f64) -> usize {
 #[cfg(feature = "recording")]
 pub fn open_recorder(instrument: &Instrument, port: Option<&str>) -> Result<Recorder, SkinError> {
     let session = open(instrument, port, Backlog::Recorded)?;
-    let waiting = Backlog::Latest.frames(instrument.frame_rate_hz);
-    Ok(Recorder::new(Box::new(session), waiting, event_text))
+    Ok(Recorder::new(Box::new(session), Backlog::Latest.frames(), event_text))
 }
 
 /// Opens the scene's instrument. If it does not measure the scene's protocol, the error names both.
@@ -77,7 +71,7 @@ pub fn open(
     let endpoint = instrument.endpoint(port)?;
     let settings = SessionSettings {
         quadruples: Some(instrument.quadruples.clone()),
-        capacity: backlog.frames(instrument.frame_rate_hz),
+        capacity: backlog.frames(),
         overflow: backlog.overflow(),
         ..SessionSettings::default()
     };

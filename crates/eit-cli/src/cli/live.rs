@@ -86,7 +86,7 @@ pub(crate) struct PageArgs {
 #[derive(Debug, Args)]
 #[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
 pub(crate) struct NetworkArgs {
-    /// Publish as a node of ROS 2 by zenoh (rmw_zenoh): topics KEY/touches, KEY/image and /diagnostics, with KEY
+    /// Publish as a node of ROS 2 by zenoh (rmw_zenoh): topics KEY/touches, KEY/markers, KEY/image, KEY/map and /diagnostics, with KEY
     /// such as skin/left_arm. Needs a build with --features zenoh (docs/BODY.md).
     #[arg(long, value_name = "KEY")]
     pub zenoh: Option<String>,

@@ -312,3 +312,92 @@ fn a_recording_that_begins_under_a_finger_shows_it() {
     // a touch takes some frames to begin
     assert!(shown.len() >= 40 && touched + 15 > shown.len(), "{touched} of {}", shown.len());
 }
+
+/// Whatever `eit live` shows, sends or writes says that the instrument repeats an old frame. A new flag has to be in one of these
+/// lists.
+#[test]
+fn every_output_says_that_the_instrument_is_frozen() {
+    const HERE: [&str; 5] = ["json-lines", "udp", "web", "out", "record"];
+    // tests of eit-publish: `zenoh_sink::a_subscriber_gets_every_frame`, `foxglove_sink::a_recording_holds_scene_image_and_log`
+    const THERE: [&str; 3] = ["zenoh", "foxglove", "foxglove-record"];
+    // and a picture of the last image, which has no words but its time
+    const OTHERS: [&str; 21] = [
+        "color",
+        "picture",
+        "port",
+        "seconds",
+        "frames",
+        "reference-frames",
+        "split-mb",
+        "split-s",
+        "latest",
+        "frame-id",
+        "ros-domain",
+        "zenoh-connect",
+        "zenoh-listen",
+        "zenoh-config",
+        "zenoh-every-frame",
+        "json",
+        "quiet",
+        "threads",
+        "verbose",
+        "help",
+        "version",
+    ];
+    let known = [&HERE[..], &THERE, &OTHERS].concat();
+    let help = succeed("live --help");
+    let flags = help.lines().map(str::trim_start).filter(|line| line.starts_with('-'));
+    for flag in flags.filter_map(|line| line.split("--").nth(1)) {
+        let name = flag.split(|c: char| c != '-' && !c.is_ascii_alphanumeric()).next().unwrap();
+        assert!(known.contains(&name), "is --{name} an output? say above where it is tested");
+    }
+
+    let (folder, scene, port) = scene_at_port("driver = \"eits1\"\nframe_rate_hz = 100.0");
+    let (_, once) = touched_frames(&folder, &scene);
+    // two seconds of the untouched skin, then the last frame again and again
+    let frozen = ndarray::Array2::from_shape_fn((400, once.ncols()), |(frame, i)| {
+        once[[if frame < 200 { frame % 100 } else { 99 }, i]]
+    });
+    let file = folder.write_array("frozen.npy", &frozen);
+    let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(LIMIT)).unwrap();
+    let address = receiver.local_addr().unwrap();
+    let [out, record] = folder.paths(["out", "frozen.mcap"]);
+    let files = format!("--out {out} --record {record} --frames 500");
+    let live = format!("live {scene} --json-lines --udp {address} --web=127.0.0.1:0 {files}");
+    let mut child = command(live).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut err = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    err.read_line(&mut said).unwrap();
+    let (address, token) = said.trim().split_once("http://").unwrap().1.split_once('/').unwrap();
+    let mut stream = std::net::TcpStream::connect(address).unwrap();
+    write!(stream, "GET /events{token} HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
+    let is_told = |line: &str| line.contains(r#""state":"frozen""#);
+    let mut page = BufReader::new(stream).lines().map_while(Result::ok);
+    let page = std::thread::spawn(move || page.any(|line| is_told(&line)));
+    let datagrams = std::thread::spawn(move || {
+        let mut datagram = [0; 65_536];
+        loop {
+            let size = receiver.recv(&mut datagram).unwrap();
+            let line = std::str::from_utf8(&datagram[..size]).unwrap();
+            if is_told(line) || line.contains(r#""ended""#) {
+                return is_told(line);
+            }
+        }
+    });
+    let printed: Vec<String> =
+        BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok).collect();
+    assert!(child.wait().unwrap().success());
+    assert!(printed.iter().any(|line| is_told(line)), "lines");
+    assert!(datagrams.join().unwrap(), "datagrams");
+    assert!(page.join().unwrap(), "the page");
+    let csv = std::fs::read_to_string(format!("{out}/touches.csv")).unwrap();
+    assert!(csv.lines().any(|row| row.ends_with(",frozen")), "touches.csv: {csv}");
+    let capture = eit_hw::capture::read(&record).unwrap();
+    let is_frozen = |entry: &eit_hw::capture::Entry| match entry {
+        eit_hw::capture::Entry::Touches(touches) => is_told(touches.json()),
+        _ => false,
+    };
+    assert!(capture.entries.iter().any(is_frozen), "the recording");
+}

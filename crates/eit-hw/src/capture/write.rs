@@ -28,6 +28,7 @@ use super::container::container_error;
 use super::entry::{Entry, Message, Topic};
 use super::json::MOST_VALUES;
 use super::record::{ReferenceRecord, SessionRecord, TouchesRecord};
+use super::scene;
 use super::stream::MessageTimes;
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
@@ -55,8 +56,11 @@ pub struct CaptureWriter {
     parts: Option<Parts>,
     /// Temporary name of a copy until it is finished.
     part: Option<PartFile>,
-    channels: [u16; Topic::ALL.len()],
-    counts: [u32; Topic::ALL.len()],
+    /// Those of the topics, then that of the scenes.
+    channels: [u16; Topic::ALL.len() + 1],
+    counts: [u32; Topic::ALL.len() + 1],
+    /// Whether the last scene shows something.
+    has_scene: bool,
     /// Log time of the last message; never decreases.
     log_time_ns: u64,
     /// Start of the open chunk.
@@ -113,13 +117,13 @@ impl CaptureWriter {
             // the file already has the magic and the header
             sink.drain(|_| ());
         }
-        let mut channels = [0; Topic::ALL.len()];
+        let mut channels = [0; Topic::ALL.len() + 1];
         let no_metadata = BTreeMap::new();
-        for (topic, channel) in Topic::ALL.into_iter().zip(&mut channels) {
-            let (name, text) = topic.schema();
+        let topics = Topic::ALL.map(|topic| (topic.name(), topic.schema()));
+        let topics = topics.into_iter().chain([(scene::TOPIC, scene::SCHEMA)]);
+        for ((topic, (name, text)), channel) in topics.zip(&mut channels) {
             let schema = writer.add_schema(name, "jsonschema", text.as_bytes()).map_err(error)?;
-            *channel =
-                writer.add_channel(schema, topic.name(), "json", &no_metadata).map_err(error)?;
+            *channel = writer.add_channel(schema, topic, "json", &no_metadata).map_err(error)?;
         }
         Ok(Self {
             writer,
@@ -132,7 +136,8 @@ impl CaptureWriter {
             parts: None,
             part: None,
             channels,
-            counts: [0; Topic::ALL.len()],
+            counts: [0; Topic::ALL.len() + 1],
+            has_scene: false,
             log_time_ns: 0,
             open_since: None,
             json: Vec::new(),
@@ -240,10 +245,25 @@ impl CaptureWriter {
             // tools sort by log time: a clock that is set back must not reorder frames
             MessageTimes { log_ns: self.log_time_ns.max(publish_ns), publish_ns }
         });
-        let index = message.topic() as usize;
         self.json.clear();
         let written = message.write(&mut self.json);
         written.map_err(|error| container_error(Place::file(&self.path), &error))?;
+        self.put(message.topic() as usize, times)?;
+        if let Message::Touches(touches) = message
+            && let Some((scene, is_seen)) = scene::of(touches, times.publish_ns)
+            && (std::mem::replace(&mut self.has_scene, is_seen) || is_seen)
+        {
+            self.json.clear();
+            let written = serde_json::to_writer(&mut self.json, &scene);
+            written.map_err(|error| container_error(Place::file(&self.path), &error))?;
+            self.put(Topic::ALL.len(), times)?;
+        }
+        self.open_since.get_or_insert_with(Instant::now);
+        self.tick()
+    }
+
+    /// Adds the message that `json` holds to a channel.
+    fn put(&mut self, index: usize, times: MessageTimes) -> Result<(), HwError> {
         self.log_time_ns = self.log_time_ns.max(times.log_ns);
         let header = MessageHeader {
             channel_id: self.channels[index],
@@ -256,9 +276,7 @@ impl CaptureWriter {
             return Err(write_error(&self.path, McapError::AttemptedWriteAfterFailure));
         }
         let written = self.writer.write_to_known_channel(&header, &self.json);
-        self.packed(written)?;
-        self.open_since.get_or_insert_with(Instant::now);
-        self.tick()
+        self.packed(written)
     }
 
     /// Moves what the container has packed to the file. After a failure, such as a full disk, the

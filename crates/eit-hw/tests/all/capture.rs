@@ -101,6 +101,57 @@ fn every_entry_is_read_back_to_the_bit() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
+/// Foxglove draws the touches of a recording as it is, and that there are none any more; a frame without a touch costs nothing.
+#[test]
+fn touches_are_drawn_by_foxglove() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let mut writer = CaptureWriter::create(&path, &session(), CaptureSettings::default()).unwrap();
+    let touch =
+        r#"{"id":2,"state":"hold","position_m":[0.01,-0.02,0],"valid":false,"force_n":1.25}"#;
+    let end = r#"{"id":2,"state":"end","position_m":[0.01,-0.02,0],"valid":false,"force_n":null}"#;
+    for (state, touches) in [
+        ("sound", ""),
+        ("sound", touch),
+        ("sound", end),
+        ("frozen", ""),
+        ("sound", ""),
+        ("sound", ""),
+    ] {
+        let json = format!(r#"{{"sequence":1,"state":"{state}","touches":[{touches}]}}"#);
+        writer.touches(&TouchesRecord::new(json).unwrap()).unwrap();
+    }
+    writer.finish().unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    let mut drawn = Vec::new();
+    for message in messages.filter(|message| message.channel.topic == "/eit/scene") {
+        let schema = message.channel.schema.as_ref().unwrap();
+        assert_eq!(
+            (schema.name.as_str(), schema.encoding.as_str()),
+            ("foxglove.SceneUpdate", "jsonschema")
+        );
+        let scene: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+        let entity = &scene["entities"][0];
+        let time = message.log_time;
+        assert_eq!(entity["timestamp"]["sec"], time / 1_000_000_000);
+        let texts = entity["texts"].as_array().unwrap().iter().map(|text| text["text"].clone());
+        drawn.push((entity["spheres"].clone(), texts.collect::<Vec<_>>()));
+    }
+    let spheres: Vec<usize> = drawn.iter().map(|(s, _)| s.as_array().unwrap().len()).collect();
+    assert_eq!(spheres, [1, 0, 0, 0]);
+    let sphere = &drawn[0].0[0];
+    assert_eq!(
+        (&sphere["pose"]["position"]["y"], &sphere["color"]["a"]),
+        (&(-0.02).into(), &0.35.into())
+    );
+    let texts = drawn.iter().map(|(_, texts)| serde_json::Value::from(texts.clone()).to_string());
+    let wanted = [r#"["2 1.2 N"]"#, "[]", r#"["not known: frozen"]"#, "[]"];
+    assert_eq!(texts.collect::<Vec<_>>(), wanted);
+    // and our own reader passes over the scenes
+    assert_eq!(read(&path).unwrap().entries.len(), 7);
+}
+
 /// All frames of a session have its number of measurements.
 #[test]
 fn a_frame_of_another_length_is_refused() {

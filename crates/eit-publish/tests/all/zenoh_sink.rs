@@ -11,7 +11,7 @@ use eit_publish::{
 };
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
-use eit_skin::{SkinState, Touch, TouchState};
+use eit_skin::{SkinState, Touch, TouchFrame, TouchState};
 use serde::de::DeserializeOwned;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
@@ -131,6 +131,10 @@ fn a_subscriber_gets_every_frame() {
         assert_eq!((hold.valid, hold.whole, hold.merged_into), (true, false, 3));
         last = sample;
     }
+    let frozen = TouchFrame { state: SkinState::Frozen, ..frame(201, &touches, &FAULTS) };
+    publisher.touches(&frozen).unwrap();
+    let state = message::<TouchArray>(&listener.next()).state;
+    assert_eq!(state, skin_state::number(SkinState::Frozen));
     publisher.end().unwrap();
     let statistics = publisher.zenoh()[0].statistics();
     assert_eq!((statistics.dropped_frames, publisher.zenoh()[0].sent().1), (0, 0));
