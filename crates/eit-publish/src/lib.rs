@@ -12,10 +12,7 @@ mod foxglove_sink;
 mod image;
 mod line;
 mod lines;
-#[cfg_attr(
-    not(any(feature = "foxglove", feature = "zenoh")),
-    allow(dead_code, reason = "without these features, only lines are queued")
-)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "only ROS messages have all fields"))]
 mod outbox;
 mod publisher;
 #[cfg(feature = "zenoh")]

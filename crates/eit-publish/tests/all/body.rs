@@ -445,7 +445,7 @@ fn foxglove_is_shown_a_body() {
             0 => {
                 let scene = SceneUpdate::decode(payload.as_slice()).unwrap();
                 let sphere = scene.entities[0].spheres.first();
-                let at = sphere.map(|sphere| sphere.pose.clone().unwrap().position.unwrap());
+                let at = sphere.map(|sphere| sphere.pose.unwrap().position.unwrap());
                 touched +=
                     at.iter().filter(|at| near([at.x, at.y, at.z], [1.01, 0.03, 0.0])).count();
             }
