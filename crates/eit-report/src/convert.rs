@@ -246,7 +246,10 @@ impl Source {
         let stated = scene.map(|scene| scene.stage_settings().recording.reading()).transpose()?;
         let (format, mut options) = stated.unwrap_or_default();
         options.complex |= settings.complex;
-        let table = eit_hw::read_recording(&settings.input, format, &options)?;
+        let mut table = eit_hw::read_recording(&settings.input, format, &options)?;
+        if let Some(protocol) = protocol {
+            table = table.arranged_for(protocol.quadruples(), protocol.measurements());
+        }
         let quadruples = match (protocol, &table.layout) {
             (None, Layout::Quadruples(quadruples)) => quadruples.clone(),
             (None, Layout::Potentials { .. }) => {

@@ -218,8 +218,9 @@ fn from_file(
     wanted: &[Quadruple],
     file: &Path,
 ) -> Result<Played, SkinError> {
-    let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
+    let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
+    let recording = recording.arranged_for(own, count);
     let scale = skin.settings.recording.factor();
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;

@@ -6,6 +6,7 @@
 
 mod decoder;
 mod format;
+pub(crate) mod line;
 mod number;
 mod preset;
 

@@ -14,6 +14,7 @@ use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event, Fault};
 use crate::error::HwError;
 use crate::readers::csv::Pairs;
+use crate::recording::Note;
 use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
@@ -40,7 +41,13 @@ impl Board {
         let is_time = patience_s > 0.0 && patience_s <= 3600.0;
         HwError::require(is_time, "first_frame_s", patience_s, "above 0 and at most 3600")?;
         let decoder = Decoder::new(self.format.clone())?;
-        Ok(Box::new(Text { board: self, decoder, asked: None, line_counts: Vec::new() }))
+        Ok(Box::new(Text {
+            board: self,
+            decoder,
+            asked: None,
+            line_counts: Vec::new(),
+            is_told: false,
+        }))
     }
 }
 
@@ -51,6 +58,8 @@ struct Text {
     asked: Option<Instant>,
     /// Counts of numbers in the first complete lines that do not match the format.
     line_counts: Vec<usize>,
+    /// Whether it was told what is left out of lines.
+    is_told: bool,
 }
 
 impl Text {
@@ -219,6 +228,12 @@ impl Driver for Text {
             }
             Event::Line(line) => on_decoded(Decoded::Damaged { bytes: line.len() as u64 }),
         });
+        if !self.is_told
+            && let Some(what) = self.decoder.stripped()
+        {
+            self.is_told = true;
+            on_decoded(Decoded::Notice(&Note::Stripped { what }.to_string()));
+        }
     }
 
     fn idle(&mut self, link: &mut Link) -> Result<(), HwError> {

@@ -1,11 +1,11 @@
 //! Numbers as text: one frame per row, one frame per column, or one frame as a matrix.
 //!
-//! Fields are separated by semicolons, commas, tabs or spaces: the first of these, in this order,
-//! that the first line of numbers contains. Everything after `#` is a comment. Blank lines are
-//! skipped, and so is the first line if none of its fields starts as a number or they number eight or more columns (a header); one
-//! separator may end a line. Every row must have as many values as the first.
+//! Lines are read as those of boards ([`codec::text`](crate::codec::text)), and a note says what was stripped from them. Everything
+//! after `#` is a comment. Blank lines are skipped, and so is the first line if none of its fields starts as a number or they number
+//! eight or more columns (a header). Every row must have as many values as the first. A first column that only counts is left out
+//! ([`Note::Counter`]).
 //!
-//! A comma is never a decimal one. Where every line is a pair of whole numbers as in `1,5`, a note says
+//! Where commas alone separate, they are no decimal ones. Where every line is a pair of whole numbers as in `1,5`, a note says
 //! that it was read as two ([`Note::DecimalComma`]); where pairs as in `0,25` are twice as many values as
 //! measurements, the error says so ([`CountHint::DecimalComma`](crate::CountHint::DecimalComma)).
 
@@ -14,7 +14,8 @@ use std::path::Path;
 use super::ReadOptions;
 use super::table::Table;
 use super::text;
-use crate::error::{HwError, Place};
+use crate::codec::text::line::{self, Stripped};
+use crate::error::{HwError, Place, shortened};
 use crate::recording::{Contents, Format, FrameOrientation, Layout, Note, Recording, Unit};
 
 /// Parses the content of a CSV file; `path` is used in messages only.
@@ -39,7 +40,7 @@ struct Rows {
     values: Vec<f64>,
     columns: usize,
     count: usize,
-    separator: Option<Separator>,
+    stripped: Stripped,
     header: Option<usize>,
     /// Number of the last line if it has no end.
     unended: Option<usize>,
@@ -47,12 +48,6 @@ struct Rows {
     unpaired: bool,
     /// Whether some pair looks like one number.
     decimal: bool,
-}
-
-#[derive(Clone, Copy)]
-enum Separator {
-    Character(char),
-    Spaces,
 }
 
 impl Rows {
@@ -72,21 +67,23 @@ impl Rows {
         if line.is_empty() {
             return Ok(());
         }
-        let separator = self.separator.unwrap_or_else(|| separator_of(line));
         let first = self.count == 0;
-        let is_header = || !fields(line, separator).any(is_numeric) || is_index(line, separator);
+        let is_header = || !fields(line).any(is_numeric) || is_index(line);
         if first && self.header.is_none() && is_header() {
             self.header = Some(number);
             // which names several columns
-            self.unpaired = fields(line, separator).nth(1).is_some();
+            self.unpaired = fields(line).nth(1).is_some();
             return Ok(());
         }
-        self.separator = Some(separator);
-        let mut columns = 0;
-        for field in fields(line, separator) {
-            self.values.push(text::number(field, columns + 1, || Place::line(path, number))?);
-            columns += 1;
-        }
+        let before = self.values.len();
+        let stripped = line::numbers(line, |value| self.values.push(value));
+        let stripped = stripped.map_err(|wrong| HwError::NotANumber {
+            place: Place::line(path, number),
+            value: wrong.field + 1,
+            text: shortened(wrong.text),
+        })?;
+        self.stripped = self.stripped.or(stripped);
+        let columns = self.values.len() - before;
         if first {
             self.columns = columns;
         }
@@ -107,8 +104,27 @@ impl Rows {
         ))
     }
 
-    fn recording(self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {
+    /// Drops a first column of times or numbers of frames, which grow in equal steps: no voltage does so for so long.
+    fn drop_counter(&mut self) -> Option<Note> {
+        if self.columns < LEAST_INDEX || self.count < LEAST_COUNTED {
+            return None;
+        }
+        let first: Vec<f64> = self.values.iter().step_by(self.columns).copied().collect();
+        let step = first[1] - first[0];
+        let is_step = |pair: &[f64]| (pair[1] - pair[0] - step).abs() <= 1e-6 * step;
+        if !(step > 0.0 && first.windows(2).all(is_step)) {
+            return None;
+        }
+        let (columns, mut at) = (self.columns, 0..);
+        self.values.retain(|_| !at.next().is_some_and(|k: usize| k.is_multiple_of(columns)));
+        self.columns -= 1;
+        Some(Note::Counter)
+    }
+
+    fn recording(mut self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {
         let (orientation, complex) = (options.frames_are.unwrap_or_default(), options.complex);
+        let counter =
+            (orientation == FrameOrientation::Rows).then(|| self.drop_counter()).flatten();
         if self.values.is_empty() {
             return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
         }
@@ -129,9 +145,13 @@ impl Rows {
         };
         let (layout, unit) = (Layout::ProtocolOrder, Unit::Arbitrary);
         let mut recording = Recording::new(contents, layout, unit, Format::Csv, path)?;
+        recording.matrix =
+            (orientation == FrameOrientation::Matrix).then_some([self.count, self.columns]);
         recording.frames_are = Some(orientation);
         recording.notes.extend(self.header.map(|line| Note::HeaderLine { line }));
         recording.notes.extend(self.unended.map(|line| Note::NoLineEnd { line }));
+        recording.notes.extend(counter);
+        recording.notes.extend(self.stripped.words().map(|what| Note::Stripped { what }));
         recording.may_have_decimal_commas = !self.unpaired && self.decimal;
         if self.columns == 2 && !self.unpaired {
             recording.notes.push(Note::DecimalComma);
@@ -178,41 +198,23 @@ fn is_numeric(field: &str) -> bool {
 }
 
 /// Returns whether a line numbers the columns from 0 or 1, as tables without column names do.
-fn is_index(line: &str, separator: Separator) -> bool {
-    let first = match fields(line, separator).next() {
+fn is_index(line: &str) -> bool {
+    let first = match fields(line).next() {
         Some("0") => 0,
         Some("1") => 1,
         _ => return false,
     };
     let is_next = |(k, field): (usize, &str)| field.parse() == Ok(first + k);
-    fields(line, separator).count() >= LEAST_INDEX
-        && fields(line, separator).enumerate().all(is_next)
+    fields(line).count() >= LEAST_INDEX && fields(line).enumerate().all(is_next)
 }
 
+/// Fewest rows whose first column may be a counter.
+const LEAST_COUNTED: usize = 4;
 /// Fewest columns of such a line: a row of a table of quadruples may well be 0, 1, 2, 3.
 const LEAST_INDEX: usize = 8;
 
-/// Returns the first of semicolon, comma and tab that the line contains, otherwise spaces.
-fn separator_of(line: &str) -> Separator {
-    [';', ',', '\t']
-        .into_iter()
-        .find(|&separator| line.contains(separator))
-        .map_or(Separator::Spaces, Separator::Character)
-}
-
-/// Splits a trimmed line into fields. Combines two iterators, one of which is empty.
-fn fields(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
-    let (separated, spaced) = match separator {
-        Separator::Character(character) => {
-            let line = line.strip_suffix(character).unwrap_or(line);
-            (Some(line.split(character).map(str::trim)), None)
-        }
-        Separator::Spaces => (None, Some(line.split_whitespace())),
-    };
-    separated.into_iter().flatten().chain(spaced.into_iter().flatten())
-}
-
-/// Returns the first field of a trimmed line.
-pub(super) fn first_field(line: &str) -> &str {
-    fields(line, separator_of(line)).next().unwrap_or_default()
+/// Splits a header into fields.
+fn fields(line: &str) -> impl Iterator<Item = &str> {
+    let fields = line.split([',', ';', '\t', ' ']).map(|field| field.trim_matches(['"', '\'']));
+    fields.filter(|field| !field.is_empty())
 }

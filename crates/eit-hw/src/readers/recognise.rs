@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::files::file_names;
 use super::serial_log::{self, SerialLogOptions};
-use super::{black_sensor, csv, khu, npy, text};
+use super::{black_sensor, khu, npy, text};
+use crate::codec::text::line;
 use crate::error::{HwError, Place};
 use crate::recording::Format;
 
@@ -68,7 +69,7 @@ pub(super) fn file(
         .map(|(_, line)| line.split('#').next().unwrap_or_default().trim())
         .filter(|line| !line.is_empty())
         .take(2)
-        .any(|line| csv::first_field(line).parse::<f64>().is_ok());
+        .any(|line| line::numbers(line, |_| ()).is_ok());
     if numbers { Ok(Format::Csv) } else { Err(unrecognised(path)) }
 }
 

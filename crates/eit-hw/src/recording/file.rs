@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use ndarray::Array2;
+use ndarray::{Array2, Axis};
 
 use super::format::Format;
 use super::layout::{Layout, Unit};
 use super::note::{Note, Skipped};
 use super::orientation::FrameOrientation;
 use crate::error::{HwError, Place};
-use crate::frame::{Frame, Quality, check_lengths};
+use crate::frame::{Frame, Quadruple, Quality, check_lengths};
 
 /// Every complete frame of a recorded file, in file order.
 ///
@@ -28,6 +28,8 @@ pub struct Recording {
     pub quality: Option<Array2<Quality>>,
     /// Whether commas that were read as separators may be decimal ones.
     pub(crate) may_have_decimal_commas: bool,
+    /// Rows and columns of the table that is one frame.
+    pub(crate) matrix: Option<[usize; 2]>,
     /// Electrodes of each value.
     pub layout: Layout,
     /// Unit of all values, as far as the file states it.
@@ -88,6 +90,7 @@ impl Recording {
             imaginary: imaginary.map(array).transpose()?,
             quality: quality.map(|flags| shaped(flags, shape).ok_or_else(none)).transpose()?,
             may_have_decimal_commas: false,
+            matrix: None,
             layout,
             unit,
             device_time_s: None,
@@ -117,6 +120,43 @@ impl Recording {
         let quality = Array2::from_shape_fn(self.real.dim(), flags);
         self.notes.push(Note::MissingValues { values, frame, value });
         self.quality = Some(quality);
+        self
+    }
+
+    /// Arranges a table for `count` measurements: joins its lines to frames if each holds one value, or those of one drive of the
+    /// protocol, and turns a matrix whose lines are drives. A note says so.
+    #[must_use]
+    pub fn arranged_for(mut self, quadruples: Option<&[Quadruple]>, count: usize) -> Self {
+        if self.layout != Layout::ProtocolOrder || self.imaginary.is_some() {
+            return self;
+        }
+        let same = |one: &Quadruple, other: &Quadruple| one[..2] == other[..2];
+        let drives = quadruples.map_or(1, |all| all.chunk_by(same).count()).max(1);
+        let of_drive = count / drives;
+        let (rows, columns) = self.real.dim();
+        let is_line = columns == 1 || (drives * columns == count && drives > 1);
+        if self.frames_are == Some(FrameOrientation::Rows)
+            && is_line
+            && columns != count
+            && (rows * columns).is_multiple_of(count.max(1))
+            && (rows != count || columns == 1)
+        {
+            let shape = [rows * columns / count, count];
+            let quality = self.quality.take().map(|quality| quality.into_iter().collect());
+            let joined = shaped(self.real.into_iter().collect(), shape);
+            // as many values as before
+            self.real = joined.unwrap_or_default();
+            self.quality = quality.and_then(|quality| shaped(quality, shape));
+            self.notes.push(Note::Joined { lines: count / columns });
+        }
+        if self.matrix == Some([drives, of_drive]) && drives != of_drive && columns == count {
+            // it was read column by column
+            let turned = |value: usize| (value % of_drive) * drives + value / of_drive;
+            let order: Vec<usize> = (0..count).map(turned).collect();
+            self.real = self.real.select(Axis(1), &order);
+            self.quality = self.quality.map(|quality| quality.select(Axis(1), &order));
+            self.notes.push(Note::Turned { drives });
+        }
         self
     }
 

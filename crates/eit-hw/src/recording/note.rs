@@ -116,6 +116,23 @@ pub enum Note {
         /// The line, from 1.
         line: usize,
     },
+    /// Something stands around the numbers and was left out.
+    Stripped {
+        /// What it is, in words.
+        what: String,
+    },
+    /// The first column counts frames or time and was left out.
+    Counter,
+    /// Lines were joined to frames.
+    Joined {
+        /// Number of lines of a frame.
+        lines: usize,
+    },
+    /// A matrix has a line for each drive, not a column, and was read line by line.
+    Turned {
+        /// Number of drives.
+        drives: usize,
+    },
     /// The last line has no end, so its last number may be truncated.
     NoLineEnd {
         /// The line, from 1.
@@ -216,6 +233,16 @@ impl fmt::Display for Note {
             Self::HeaderLine { line } => {
                 write!(f, "line {line} contains no number: skipped as header")
             }
+            Self::Stripped { what } => write!(f, "left out around the numbers: {what}"),
+            Self::Counter => f.write_str(
+                "the first column grows in equal steps, as numbers or times of frames do: left out",
+            ),
+            Self::Joined { lines } => write!(f, "{lines} lines were joined to each frame"),
+            Self::Turned { drives } => write!(
+                f,
+                "the matrix has a line for each of {drives} drives: read line by line (frames_are = \"matrix\" expects a \
+                 column for each)"
+            ),
             Self::NoLineEnd { line } => {
                 write!(f, "line {line} has no line end: its last number may be truncated")
             }

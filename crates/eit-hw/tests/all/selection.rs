@@ -3,9 +3,9 @@
 
 use crate::common::{ascending, opposite, parse, rotated, table};
 use eit_hw::{
-    Component, CountHint, Format, Frame, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict,
-    Quadruple, Quality, ReadOptions, Recording, Unit, read_recording, reciprocity_error,
-    recognise_order,
+    Component, CountHint, Format, Frame, FrameMap, FrameOrientation, HwError, Layout, Note,
+    OrderVerdict, Quadruple, Quality, ReadOptions, Recording, Unit, read_recording,
+    reciprocity_error, recognise_order,
 };
 use ndarray::{Array2, array};
 use proptest::prelude::*;
@@ -33,6 +33,41 @@ fn components() {
     assert_eq!(of(Component::Real), array![[3.0, 0.0, -6.0], [6.0, 0.0, 3.0]]);
     assert_eq!(of(Component::Imaginary), array![[4.0, 1.0, -8.0], [8.0, 2.0, 4.0]]);
     assert_eq!(of(Component::Magnitude), array![[5.0, 1.0, 10.0], [10.0, 2.0, 5.0]]);
+}
+
+/// Lines of one value or one drive are joined to frames; a matrix with a line for each drive is turned. What may be frames in
+/// columns, and lines of another length, stay as they are.
+#[test]
+fn tables_are_compared_with_the_shape_of_the_protocol() {
+    let (quadruples, count) = (ascending(6), 18);
+    let value = |k: usize| (k + 5).to_string();
+    let lines = |columns: usize, rows: usize| -> String {
+        let line = |row: usize| (0..columns).map(|c| value(row * columns + c)).collect::<Vec<_>>();
+        (0..rows).map(|row| line(row).join(",") + "\n").collect()
+    };
+    let frame = |k: usize| -> Vec<f64> { (0..count).map(|i| (k * count + i + 5) as f64).collect() };
+    for (columns, rows, joined) in [(3, 12, 6), (1, 36, 18)] {
+        let read = csv(&lines(columns, rows)).unwrap().arranged_for(Some(&quadruples), count);
+        let frames = read.frames_for(Some(&quadruples), count, Component::Real).unwrap();
+        assert_eq!(frames.values.row(1).to_vec(), frame(1));
+        assert!(read.notes.contains(&Note::Joined { lines: joined }), "{:?}", read.notes);
+    }
+    for (columns, rows) in [(2, 18), (9, 2), (3, 18), (6, 3)] {
+        let read = csv(&lines(columns, rows)).unwrap().arranged_for(Some(&quadruples), count);
+        assert_eq!(read.real.dim(), (rows, columns));
+    }
+    let matrix = |columns, rows| {
+        let options = table(FrameOrientation::Matrix, false);
+        let read = parse(Format::Csv, &lines(columns, rows), &options).unwrap();
+        read.arranged_for(Some(&quadruples), count)
+    };
+    let turned = matrix(3, 6);
+    assert_eq!(
+        (turned.real.row(0).to_vec(), &turned.notes[..]),
+        (frame(0), &[Note::Turned { drives: 6 }][..])
+    );
+    let right = matrix(6, 3);
+    assert!(right.notes.is_empty() && right.real.row(0).to_vec()[..3] == [5.0, 11.0, 17.0]);
 }
 
 #[test]

@@ -23,8 +23,9 @@ pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> 
     let mut notes = Vec::new();
     let (mut marked_reference, mut ordered_by_file) = (None, true);
     for file in files {
-        let recording = eit_hw::read_recording(file, format, &options)?;
         let count = protocol.measurements();
+        let recording = eit_hw::read_recording(file, format, &options)?;
+        let recording = recording.arranged_for(protocol.quadruples(), count);
         let mut frames = recording.frames_for(protocol.quadruples(), count, keys.component)?;
         frames.to_volts(drive_current_a(protocol));
         frames.values *= keys.factor();

@@ -1,6 +1,7 @@
 //! Decodes lines of text to frames.
 
 use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
+use super::line::{self, Stripped};
 use super::number::Number;
 use crate::error::HwError;
 use crate::frame::Quality;
@@ -81,6 +82,10 @@ pub struct Decoder {
     values: Vec<f64>,
     imaginary: Vec<f64>,
     quality: Vec<Quality>,
+    /// First number of the last line with one more than wanted.
+    counter: Option<f64>,
+    /// What was stripped from lines so far.
+    stripped: Stripped,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,11 +110,18 @@ impl Decoder {
             line_is: Line::TruncatedStart,
             lines: None,
             fault: None,
-            numbers: Vec::with_capacity(numbers),
+            numbers: Vec::with_capacity(numbers + 1),
             values: vec![0.0; values],
             imaginary: vec![0.0; imaginary],
             quality: vec![Quality::GOOD; values],
+            counter: None,
+            stripped: Stripped::default(),
         })
+    }
+
+    /// Names what stands around the numbers of lines and was left out; `None` if nothing was.
+    pub fn stripped(&self) -> Option<String> {
+        self.stripped.words()
     }
 
     /// Returns the format that lines are decoded with.
@@ -210,22 +222,45 @@ impl Decoder {
 
     fn numbers(&mut self, line: &[u8], cut: Option<Fault>, on_event: &mut impl FnMut(Event<'_>)) {
         let before = self.numbers.len();
-        let separator = |byte: &u8| matches!(byte, b',' | b';' | b'\t' | b' ');
         let (mut found, mut fault) = (0, cut);
-        for field in line.split(separator).filter(|field| !field.is_empty()) {
-            if fault.is_none() && found < self.format.values_per_line {
+        let wanted = self.format.values_per_line;
+        let most = before + wanted + 1;
+        let numbers = &mut self.numbers;
+        let mut take = |number: f64| {
+            found += 1;
+            if numbers.len() < most {
+                numbers.push(number);
+            }
+        };
+        if self.format.number == Number::Decimal {
+            let text = String::from_utf8_lossy(line);
+            match line::numbers(&text, take) {
+                Ok(stripped) => self.stripped = self.stripped.or(stripped),
+                Err(wrong) => fault = fault.or(Some(Fault::NotANumber { field: wrong.field })),
+            }
+        } else {
+            let separator = |byte: &u8| matches!(byte, b',' | b';' | b'\t' | b' ');
+            let fields = line.split(separator).filter(|field| !field.is_empty());
+            for (index, field) in fields.enumerate() {
                 // the frame is whole: this value is missing
                 let missing = || Number::is_not_finite(field).then_some(f64::NAN);
                 match self.format.number.parse(field).or_else(missing) {
-                    Some(number) if self.numbers.len() < self.format.numbers() => {
-                        self.numbers.push(number);
-                    }
-                    Some(_) => {}
-                    None => fault = Some(Fault::NotANumber { field: found }),
+                    Some(number) => take(number),
+                    None => fault = fault.or(Some(Fault::NotANumber { field: index })),
                 }
             }
-            found += 1;
         }
+        // one more in front, which grows: numbers or times of frames
+        if found == wanted + 1
+            && self.format.lines_per_frame == 1
+            && let Some(&first) = self.numbers.get(before)
+            && self.counter.replace(first).is_some_and(|last| first > last)
+        {
+            self.numbers.remove(before);
+            found = wanted;
+            self.stripped = self.stripped.or(Stripped::LABEL);
+        }
+        self.numbers.truncate(self.format.numbers().min(before + wanted));
         // a banner between frames that end with a mark
         if before == 0
             && self.lines == Some(0)
@@ -234,7 +269,6 @@ impl Decoder {
             self.numbers.clear();
             return Self::tell_line(line, on_event);
         }
-        let wanted = self.format.values_per_line;
         let fault = fault.or((found != wanted).then_some(Fault::Values { found, wanted }));
         self.fault = self.fault.or(fault);
         self.lines = self.lines.map(|lines| lines.saturating_add(1));

@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use crate::codec::text::{MAX_LINE_BYTES, MAX_VALUES, Number};
+use crate::codec::text::line::{self, Stripped};
+use crate::codec::text::{MAX_LINE_BYTES, MAX_VALUES};
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
@@ -12,6 +13,8 @@ const MOST_FRAMES: usize = 64;
 const SAMPLE: usize = 80;
 /// Minimum number of values of a line that may be a frame: four electrodes give four.
 const FEWEST_VALUES: usize = 4;
+/// Number of lines whose first number grows by chance once in 40 000.
+const LEAST_COUNTED: usize = 8;
 
 /// What was received from a port while listening.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,6 +34,8 @@ pub struct Heard {
     pub other_line: Option<String>,
     /// Frames per second between the first and the last frame; `None` for fewer than three frames.
     pub rate_hz: Option<f64>,
+    /// What stands around the numbers of lines and was left out; `None` if nothing was.
+    pub stripped: Option<String>,
     /// Number of bytes received.
     pub bytes: u64,
     /// Fraction of bytes that are not text, 0 to 1; a high value means a binary protocol or a wrong
@@ -80,6 +85,7 @@ struct Lines {
     /// seconds.
     counts: std::collections::BTreeMap<usize, (usize, f64, f64)>,
     lines: usize,
+    stripped: Stripped,
     other: Option<String>,
     bytes: u64,
     binary: u64,
@@ -113,17 +119,18 @@ impl Lines {
             return;
         }
         self.lines += 1;
-        let separator = |byte: &u8| matches!(byte, b',' | b';' | b'\t' | b' ');
-        let fields = line.split(separator).filter(|field| !field.is_empty());
-        let numbers: Option<Vec<f64>> =
-            fields.take(MAX_VALUES + 1).map(|field| Number::Decimal.parse(field)).collect();
-        let fits = |numbers: &Vec<f64>| (FEWEST_VALUES..=MAX_VALUES).contains(&numbers.len());
-        let Some(numbers) = numbers.filter(fits) else {
+        let mut numbers = Vec::new();
+        let text = String::from_utf8_lossy(line);
+        let read = line::numbers(&text, |value| numbers.push(value));
+        let fits = (FEWEST_VALUES..=MAX_VALUES).contains(&numbers.len());
+        let is_known = numbers.iter().all(|value| value.is_finite());
+        let Some(stripped) = read.ok().filter(|_| fits && is_known) else {
             let text = String::from_utf8_lossy(&line[..line.len().min(4 * SAMPLE)]);
             let printable = |c: char| if c.is_ascii_graphic() || c == ' ' { c } else { '?' };
             self.other = Some(text.chars().take(SAMPLE).map(printable).collect());
             return;
         };
+        self.stripped = self.stripped.or(stripped);
         let count = self.counts.entry(numbers.len()).or_insert((0, time_s, time_s));
         *count = (count.0 + 1, count.1, time_s);
         if self.numbers.len() == MOST_FRAMES {
@@ -132,11 +139,24 @@ impl Lines {
         self.numbers.push(numbers);
     }
 
+    /// Drops a first column of whole numbers that grow from line to line.
+    fn drop_counter(&mut self) -> bool {
+        let first: Vec<f64> = self.numbers.iter().map(|numbers| numbers[0]).collect();
+        let is_next = |pair: &[f64]| pair[1] > pair[0] && pair[1].fract() == 0.0;
+        let is_counter = first.len() >= LEAST_COUNTED && first.windows(2).all(is_next);
+        if is_counter {
+            self.numbers.iter_mut().for_each(|numbers| _ = numbers.remove(0));
+            self.stripped = self.stripped.or(Stripped::LABEL);
+        }
+        is_counter
+    }
+
     fn heard(mut self) -> Heard {
         let most = self.counts.iter().max_by_key(|(_, (lines, ..))| *lines);
         let (values, (frame_lines, first_s, last_s)) =
             most.map_or((0, (0, 0.0, 0.0)), |(values, count)| (*values, *count));
         self.numbers.retain(|numbers| numbers.len() == values);
+        let values = values - usize::from(self.drop_counter());
         let span_s = last_s - first_s;
         let rate_hz = (frame_lines >= 3 && span_s > 0.0).then(|| (frame_lines - 1) as f64 / span_s);
         Heard {
@@ -146,6 +166,7 @@ impl Lines {
             other_lines: self.lines - frame_lines,
             other_line: self.other,
             rate_hz,
+            stripped: self.stripped.words(),
             bytes: self.bytes,
             binary_share: self.binary as f64 / self.bytes.max(1) as f64,
         }
@@ -167,7 +188,7 @@ mod tests {
 
     #[test]
     fn the_count_that_comes_most_often_is_the_frame() {
-        let found = heard(b"9,9\nhello\n1,2,3,4\n1;2;3.5;4\r\n1 2 3,4,\n1,2,3\n5\t6\t7\t8");
+        let found = heard(b"9,9\nhello\n1,2,3,4\n1;2;3.5;4\r\n1 2, 3, 4,\n1,2,3\n5\t6\t7\t8");
         assert_eq!(found.values, 4);
         assert_eq!(
             found.frames,
@@ -176,8 +197,8 @@ mod tests {
         assert_eq!((found.frame_lines, found.other_lines), (3, 2));
         assert_eq!(found.step(), Some(0.5));
         assert_eq!(found.other_line.as_deref(), Some("1,2,3"));
-        // 20 s from the end of the first frame to that of the last: two frame periods
-        assert!((found.rate_hz.unwrap() - 2.0 / 20.0).abs() < 1e-12, "{:?}", found.rate_hz);
+        // 22 s from the end of the first frame to that of the last: two frame periods
+        assert!((found.rate_hz.unwrap() - 2.0 / 22.0).abs() < 1e-12, "{:?}", found.rate_hz);
     }
 
     #[test]
