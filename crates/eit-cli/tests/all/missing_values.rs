@@ -44,6 +44,8 @@ fn valid_frames(csv: &str) -> (Vec<usize>, Vec<String>) {
     let column = |name: &str| header.iter().position(|word| *word == name).unwrap();
     let [frame, id, valid] = ["frame", "id", "valid"].map(column);
     let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    // without those that only tell the state of the skin
+    let rows: Vec<Vec<&str>> = rows.into_iter().filter(|row| !row[id].is_empty()).collect();
     let mut ids: Vec<String> = rows.iter().map(|row| row[id].to_owned()).collect();
     ids.sort_unstable();
     ids.dedup();
