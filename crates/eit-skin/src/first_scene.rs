@@ -23,7 +23,7 @@ mod transfer;
 
 pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};
-pub use protocols::{FittingProtocol, fitting_protocols};
+pub use protocols::{FittingProtocol, OffPlace, fitting_protocols};
 
 use crate::error::SkinError;
 use crate::scene::{ChangeSign, Direction, Scene, from_toml};

@@ -6,11 +6,14 @@ use crate::error::SkinError;
 use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::{model_correlation, reciprocity_error};
+use std::cmp::Ordering;
 
 /// Largest number of electrodes tried if it is not known.
 const MOST_ELECTRODES: usize = 64;
 /// Reciprocity error above which an order counts as wrong (as in [`eit_hw::recognise_order`]).
 const WRONG_ORDER_ERROR: f64 = 0.2;
+/// Factor by which the reciprocity error must fall without a place of the scan (as in [`eit_hw::recognise_order`]).
+const MUCH: f64 = 3.0;
 /// A frame has both signs if the largest value of one is above this fraction of the other's.
 const SIGNED: f64 = 0.05;
 /// Number of mesh nodes for the comparison: discretisation errs by a few percent at the electrodes, wrong
@@ -35,6 +38,18 @@ pub struct FittingProtocol {
     /// Two neighbouring electrodes, from 0, whose wires look exchanged: `correlation` is that with their wires exchanged
     /// back, and much better than without. On a disc the untouched skin alone shows this.
     pub swapped: Option<[usize; 2]>,
+    /// Values at one place in the measurements of every drive that contradict reciprocity.
+    pub off: Option<OffPlace>,
+}
+
+/// A place in the measurements of every drive whose values are off, such as the first one after switching.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
+pub struct OffPlace {
+    /// The place, from 0.
+    pub place: usize,
+    /// Reciprocity error without its values.
+    pub reciprocity: f64,
 }
 
 impl FittingProtocol {
@@ -45,12 +60,14 @@ impl FittingProtocol {
 
     /// Returns whether reciprocity contradicts the order.
     pub fn violates_reciprocity(&self) -> bool {
-        self.reciprocity.is_some_and(|error| error > WRONG_ORDER_ERROR)
+        let left = self.off.map(|off| off.reciprocity);
+        left.or(self.reciprocity).is_some_and(|error| error > WRONG_ORDER_ERROR)
     }
 }
 
 /// Finds pair protocols with as many measurements as `frame` has values. Those that reciprocity does not
-/// contradict come first, sorted by their correlation with the model.
+/// contradict come first, sorted by their correlation with the model; of those that are as good as the best, the most usual one is
+/// first.
 ///
 /// Tries adjacent, skip-N and opposite drive, measured on adjacent pairs or on pairs like the driven ones,
 /// with and without current-carrying electrodes, in both orders, for `electrodes` electrodes or, if `None`,
@@ -79,15 +96,42 @@ pub fn fitting_protocols(
         for (protocol, quadruples) in candidates {
             let reciprocity = reciprocity_error(&quadruples, frame);
             let (correlation, swapped) = model.correlation(&quadruples, frame);
-            fitting.push(FittingProtocol { protocol, reciprocity, correlation, swapped });
+            let off = reciprocity.and_then(|error| off_place(&quadruples, frame, error));
+            fitting.push(FittingProtocol { protocol, reciprocity, correlation, swapped, off });
         }
     }
-    fitting.sort_by(|one, other| {
-        let rank = (one.violates_reciprocity(), -one.rank());
-        rank.partial_cmp(&(other.violates_reciprocity(), -other.rank()))
-            .unwrap_or(std::cmp::Ordering::Equal)
-    });
-    Ok(fitting)
+    let order = |fit: &FittingProtocol| (fit.violates_reciprocity(), -fit.rank());
+    let best = fitting.iter().map(order).min_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+    // candidates come from the usual to the rare
+    let is_as_good = |fit: &FittingProtocol| {
+        let (violates, rank) = order(fit);
+        best.is_some_and(|best| violates == best.0 && rank - best.1 < SWAP_LEAD)
+    };
+    let usual = fitting.iter().position(is_as_good).map(|at| fitting.remove(at));
+    fitting.sort_by(|one, other| order(one).partial_cmp(&order(other)).unwrap_or(Ordering::Equal));
+    Ok(usual.into_iter().chain(fitting).collect())
+}
+
+/// Finds a place in the measurements of every drive without which the frame is reciprocal.
+fn off_place(quadruples: &[[u32; 4]], frame: &[f64], error: f64) -> Option<OffPlace> {
+    if error <= WRONG_ORDER_ERROR {
+        return None;
+    }
+    let drive = |q: &[u32; 4]| [q[0], q[1]];
+    let runs = quadruples.chunk_by(|a, b| drive(a) == drive(b));
+    let places: Vec<usize> = runs.flat_map(|run| 0..run.len()).collect();
+    let last = places.iter().copied().max().filter(|last| *last > 1)?;
+    let without = |place: usize| {
+        let value = |(value, at): (&f64, &usize)| if *at == place { f64::NAN } else { *value };
+        let left: Vec<f64> = frame.iter().zip(&places).map(value).collect();
+        let reciprocity = reciprocity_error(quadruples, &left)?;
+        Some(OffPlace { place, reciprocity })
+    };
+    // the reciprocal of a place is as good: of both, the one after switching
+    let found = [0, last].into_iter().chain(1..last).filter_map(without);
+    found
+        .into_iter()
+        .find(|off| off.reciprocity <= WRONG_ORDER_ERROR && MUCH * off.reciprocity < error)
 }
 
 /// Protocols with this number of electrodes and values, each order once.
@@ -180,4 +224,30 @@ pub(super) fn is_signed(frame: &[f64]) -> bool {
 fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let on_driven = |[a, b, m, n]: &[u32; 4]| [m, n].iter().any(|e| *e == a || *e == b);
     quadruples.iter().zip(values).filter(|(q, _)| !on_driven(q)).map(|(_, value)| value).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ordinary board whose first value after each switching is off: the place is named, and the pattern is the usual one. One
+    /// that is as good as a rarer pattern's is the usual one, too.
+    #[test]
+    fn the_usual_pattern_wins_and_a_place_that_is_off_is_named() {
+        let outline = Outline::Disc { radius_m: 0.1 };
+        let skin = Skin::from_scene(FirstScene::new(outline, 16).scene().unwrap()).unwrap();
+        let mut frame = skin.model.forward(&skin.background_s()).unwrap().to_vec();
+        let best = |frame: &[f64]| fitting_protocols(frame, outline, Some(16)).unwrap().remove(0);
+        let usual = PairProtocol { electrodes: 16, ..PairProtocol::default() };
+        let perfect = best(&frame);
+        assert_eq!((&perfect.protocol, perfect.off), (&usual, None));
+        let mut alternately = 0..;
+        for first in frame.iter_mut().step_by(13) {
+            *first *= [2.2, 0.3, 1.8][alternately.next().unwrap_or(0) % 3];
+        }
+        let found = best(&frame);
+        let off = found.off.unwrap();
+        assert!(found.protocol == usual && off.place == 0, "{found:?}");
+        assert!(found.reciprocity > Some(WRONG_ORDER_ERROR) && !found.violates_reciprocity());
+    }
 }

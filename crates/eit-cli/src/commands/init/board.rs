@@ -36,8 +36,11 @@ pub(super) fn find(args: &InitArgs, port: &str, first: &mut FirstScene) -> Resul
         // before the presses, which may take a while; the answer has them again, with what the presses tell
         found.lines.iter().for_each(|line| say(line));
         presses::find(args, first, &rivals, &mut found)?;
-    } else if let Some(rival) = rivals.first() {
-        found.warnings.push(format!("equally likely is {}", description(rival)));
+    } else if let Some(rival) =
+        rivals.iter().find(|rival| Some(rival.correlation) >= found.correlation)
+    {
+        // one that is as good, and less usual
+        found.warnings.push(format!("as likely, but less usual, is {}", description(rival)));
     }
     if let Some([one, other]) = found.swapped.map(|pair| pair.map(|electrode| electrode + 1)) {
         found.warnings.push(format!(
@@ -59,6 +62,8 @@ fn text_board(
     let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
     let step = heard.step().map_or(String::new(), |step| format!(", smallest change {step:.2e}"));
     found.lines.push(format!("The board prints lines of {values} numbers{rate}{step}."));
+    let around = heard.stripped.iter();
+    found.lines.extend(around.map(|what| format!("Left out around the numbers: {what}.")));
     if heard.other_lines > 0 {
         let example = heard.other_line.as_deref().unwrap_or_default();
         let (other, all) = (heard.other_lines, heard.other_lines + heard.frame_lines);
@@ -76,6 +81,14 @@ fn text_board(
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", description(best)));
+    if let Some(off) = best.off {
+        found.warnings.push(format!(
+            "value {} of every drive is off: without these the reciprocity error is {:.3}. The board may measure before its \
+             switches have settled",
+            off.place + 1,
+            off.reciprocity
+        ));
+    }
     let is_poor = best.violates_reciprocity() || best.correlation < UNLIKE;
     let weave = match is_poor || best.swapped.is_some() {
         true => None,
@@ -86,7 +99,7 @@ fn text_board(
         let warning = "no protocol fits well: a contact may be open (`eit check`), the board may use its own order of \
                        the values ([protocol] quadruples_file), or the electrodes may not be equally spaced";
         found.warnings.push(warning.to_owned());
-    } else if best.correlation < 0.97 && weave.is_none() {
+    } else if best.correlation < 0.97 && weave.is_none() && best.off.is_none() {
         // places on a rectangle that are off by up to 0.3 of the spacing give 0.955, equally spaced ones 0.99 and more
         found.warnings.push(format!(
             "the untouched skin matches equally spaced electrodes only to {:.2}: if yours are not equally spaced, measure \
