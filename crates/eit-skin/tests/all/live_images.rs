@@ -26,6 +26,8 @@ fn model() -> Arc<LiveModel> {
     let mut progress = Progress::silent();
     let mut scene = Scene::load("paper-disc").unwrap();
     scene.reconstruction.method = Some("st-tv".to_owned());
+    // so few that an image reaches its gap before its time is over
+    scene.reconstruction.pixels = Some(32);
     let mesh = MeshOverride { nodes: Some(1200), ..Default::default() };
     let skin = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
     Arc::new(LiveModel::new(&skin, REFERENCE, &mut progress).unwrap())
