@@ -9,7 +9,7 @@ use self::arrange::arranged;
 use crate::error::SkinError;
 use crate::limits::rounding_warning;
 use crate::progress::Progress;
-use crate::scene::{DriverKind, Instrument};
+use crate::scene::{DriverKind, Instrument, ValueKind};
 use crate::skin::Skin;
 use eit_core::Random;
 use eit_fem::{ForwardModel, Protocol};
@@ -36,6 +36,8 @@ struct Played {
     /// When each value is measured, from half a frame before the frame's time to half a frame after it.
     shifts: Vec<f64>,
     hold: Option<Hold>,
+    /// What the values are.
+    kind: ValueKind,
     /// Number of the last frame, and its place in the loop.
     last: (u64, u64),
 }
@@ -58,7 +60,8 @@ impl Played {
             true => self.noise * self.random.normal(),
             false => 0.0,
         };
-        [between(&self.real) + noise, self.imaginary.as_ref().map_or(0.0, between)]
+        let real = self.kind.of_voltage(between(&self.real) + noise);
+        [real, self.imaginary.as_ref().map_or(0.0, between)]
     }
 }
 
@@ -129,12 +132,13 @@ pub fn device(
             random: Random::new(0),
             shifts: Vec::new(),
             hold: None,
+            kind: ValueKind::Voltage,
             last: (0, 0),
         },
         PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
     played.shifts = shifts(&wanted, content.scan_share);
-    played.hold = content.hold.cloned();
+    (played.hold, played.kind) = (content.hold.cloned(), skin.settings.recording.values);
     match &instrument.kind {
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
         DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
@@ -207,6 +211,7 @@ fn from_model(
         random: Random::stream(seed, 0x0a02_bdbf_7bb3_c0a7),
         shifts: Vec::new(),
         hold: None,
+        kind: ValueKind::Voltage,
         last: (0, 0),
     })
 }
@@ -221,11 +226,10 @@ fn from_file(
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
     let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
     let recording = recording.arranged_for(own, count);
-    let scale = skin.settings.recording.factor();
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;
         frames.to_volts(instrument.current_a);
-        frames.values *= scale;
+        skin.settings.recording.convert(&mut frames);
         // a missing value cannot be sent
         frames.values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
         arranged(&instrument.quadruples, &frames.values, wanted)
@@ -237,8 +241,8 @@ fn from_file(
         false => None,
     };
     let random = Random::new(0);
-    let (shifts, hold) = (Vec::new(), None);
-    Ok(Played { real, imaginary, noise: 0.0, random, shifts, hold, last: (0, 0) })
+    let (shifts, hold, kind) = (Vec::new(), None, ValueKind::Voltage);
+    Ok(Played { real, imaginary, noise: 0.0, random, shifts, hold, kind, last: (0, 0) })
 }
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
@@ -346,6 +350,7 @@ mod tests {
             random: Random::new(0),
             shifts: shifts(&quadruples, 0.75),
             hold: None,
+            kind: ValueKind::Voltage,
             last: (0, 0),
         };
         // three drives: a quarter of a frame before, at and after its time

@@ -26,7 +26,7 @@ pub use numbering::{KnownPress, Numbering, find_numbering};
 pub use protocols::{FittingProtocol, OffPlace, fitting_protocols};
 
 use crate::error::SkinError;
-use crate::scene::{ChangeSign, Direction, Scene, from_toml};
+use crate::scene::{ChangeSign, Direction, Scene, ValueKind, from_toml};
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 
 /// Conductivity of the paper's fabric, siemens per square.
@@ -101,6 +101,8 @@ pub struct FirstScene {
     pub baud: Option<u32>,
     /// Whether touches raise or lower the conductivity.
     pub sign: ChangeSign,
+    /// What the board's values are.
+    pub values: ValueKind,
 }
 
 impl FirstScene {
@@ -120,6 +122,7 @@ impl FirstScene {
             port: None,
             baud: None,
             sign: ChangeSign::Increase,
+            values: ValueKind::Voltage,
         }
     }
 
@@ -193,6 +196,12 @@ impl FirstScene {
         );
         text += &self.protocol_toml();
         text += &self.instrument_toml();
+        if self.values != ValueKind::Voltage {
+            let (name, meaning) = self.values.name();
+            text += &format!(
+                "\n[recording]\nvalues = \"{name}\"          # the board reports {meaning}\n"
+            );
+        }
         if self.sign == ChangeSign::Decrease {
             text +=
                 "\n[touch]\nsign = \"decrease\"             # a touch lowers the conductivity\n";

@@ -27,7 +27,9 @@ impl LinearisedSkin {
             }
         };
         let kind = skin.difference_kind();
-        let fit = frames.fit_model(&skin.voltages.to_vec(), kind, skin.skin.conductivity_s)?;
+        let values = skin.skin.settings.recording.values;
+        let model_v = skin.voltages.to_vec();
+        let fit = frames.fit_model(&model_v, kind, skin.skin.conductivity_s, values)?;
         Ok(FittedFrames { skin, frames, fit, weave })
     }
 }

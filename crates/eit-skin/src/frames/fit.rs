@@ -2,7 +2,7 @@
 
 use super::Frames;
 use crate::error::SkinError;
-use crate::scene::DifferenceKind;
+use crate::scene::{DifferenceKind, ValueKind};
 
 /// How well the homogeneous model explains a reference frame.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
@@ -18,6 +18,13 @@ pub struct ModelFit {
 
 /// Scatter of the levels above which the smallest of them carry no information.
 const SCATTERED: f64 = 0.7;
+
+/// Factor by which the correlation must come closer to 1 with another reading of the values: an uneven sheet leaves as much as
+/// before.
+const MUCH_BETTER: f64 = 5.0;
+
+/// Reciprocity error up to which the order of the measurements is right (as in [`eit_hw::recognise_order`]).
+const ORDERED: f64 = 0.2;
 
 /// Size of the correlation below which the voltages are not those of the scene's skin.
 pub(crate) const ALIKE: f64 = 0.9;
@@ -48,6 +55,7 @@ impl Frames {
         model_voltages: &[f64],
         kind: DifferenceKind,
         conductivity_s: f64,
+        values: ValueKind,
     ) -> Result<ModelFit, SkinError> {
         let usable = |values: &[f64]| -> Vec<f64> {
             values.iter().zip(&self.used).filter(|(_, used)| **used).map(|(v, _)| *v).collect()
@@ -78,11 +86,31 @@ impl Frames {
             ));
         }
         let fit = ModelFit { gain, correlation, level_scatter };
-        if !fit.is_alike() {
-            self.notes.push(format!(
-                "the homogeneous model explains the reference poorly (correlation \
-                 {correlation:.3}): check the protocol and the number and order of electrodes"
-            ));
+        let other = other_kind(&reference, &model, values);
+        let other =
+            other.filter(|(_, found)| MUCH_BETTER * (1.0 - found) < 1.0 - correlation.abs());
+        if !fit.is_alike() || other.is_some() {
+            let poorly = format!(
+                "the homogeneous model explains the reference poorly (correlation {correlation:.3})"
+            );
+            let is_in_order = self.reciprocity_error.is_some_and(|error| error <= ORDERED);
+            self.notes.push(match (other, is_in_order) {
+                (Some((kind, better)), _) => {
+                    let (name, meaning) = kind.name();
+                    format!(
+                        "{poorly}, and well if the values are {meaning} (correlation {better:.3}): set \
+                         [recording] values = \"{name}\""
+                    )
+                }
+                (None, true) => format!(
+                    "{poorly}, although the order of the measurements is right (reciprocity error {:.1} %): check the number \
+                     and places of electrodes and which one is the first, and what the values are ([recording] values)",
+                    100.0 * self.reciprocity_error.unwrap_or_default()
+                ),
+                (None, false) => {
+                    format!("{poorly}: check the protocol and the number and order of electrodes")
+                }
+            });
         } else if plain && !(0.5..=2.0).contains(&gain) {
             self.notes.push(format!(
                 "voltages are {gain:.3} times the model's, so image values are off: set \
@@ -101,6 +129,22 @@ impl Frames {
         }
         Ok(fit)
     }
+}
+
+/// What the values may be instead, if the model then explains them, and the correlation.
+fn other_kind(reference: &[f64], model: &[f64], values: ValueKind) -> Option<(ValueKind, f64)> {
+    if values != ValueKind::Voltage {
+        return None;
+    }
+    let model: Vec<f64> = model.iter().map(|v| v.abs()).collect();
+    let others = ValueKind::ALL.into_iter().filter(|kind| *kind != values);
+    let tried = others.filter_map(|kind| {
+        let voltages: Vec<f64> = reference.iter().map(|v| kind.voltage(*v).abs()).collect();
+        let is_known = voltages.iter().all(|v| v.is_finite());
+        let correlation = eit_hw::model_correlation(&voltages, &model).filter(|_| is_known)?;
+        Some((kind, correlation))
+    });
+    tried.filter(|(_, found)| *found >= ALIKE).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Whether values are magnitudes, which say nothing of signs.

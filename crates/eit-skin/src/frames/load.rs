@@ -28,7 +28,7 @@ pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> 
         let recording = recording.arranged_for(protocol.quadruples(), count);
         let mut frames = recording.frames_for(protocol.quadruples(), count, keys.component)?;
         frames.to_volts(drive_current_a(protocol));
-        frames.values *= keys.factor();
+        keys.convert(&mut frames);
         notes.extend(notes_of(&recording, file));
         if parts.is_empty() {
             marked_reference = recording.reference_frame;

@@ -124,7 +124,7 @@ impl Skin {
     /// No usable measurement; data in another order than the protocol's.
     pub(crate) fn frames_of_quiet(&self, mut frames: MeasuredFrames) -> Result<Frames, SkinError> {
         frames.to_volts(drive_current_a(&self.protocol));
-        frames.values *= self.settings.recording.factor();
+        self.settings.recording.convert(&mut frames);
         let found = reference::of_quiet(&frames);
         let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
         assemble(self, Loaded { frames, marked_reference, ordered_by_file, notes }, found)

@@ -341,9 +341,11 @@ impl LiveStream {
         };
         let factor = self.factor;
         self.values.clear();
-        self.values.extend(frame.values.iter().map(|value| factor * value));
+        let kind = self.model.skin().settings.recording.values;
+        self.values.extend(frame.values.iter().map(|value| factor * kind.voltage(*value)));
         let time_s = clock.next_s(frame);
-        let is_good = |i: usize| frame.quality[i].is_good();
+        let values = &self.values;
+        let is_good = |i: usize| frame.quality[i].is_good() && values[i].is_finite();
         // what goes on after it was said to have ended is another touch to whoever was told
         let is_resumed = self.is_ended && !self.touches.is_empty();
         if is_resumed {

@@ -43,7 +43,7 @@ use sections::plain;
 pub use sections::{
     AccuracyRule, DenoiseSettings, ElectrodeSettings, MeshDensity, NoiseSettings, OneOrMany,
     OneOrManyFiles, Pair, Position, ProtocolSettings, RecordingSettings, Reference,
-    RequiredAccuracyKey, Shape, SkinSettings, TouchModel, TouchSettings,
+    RequiredAccuracyKey, Shape, SkinSettings, TouchModel, TouchSettings, ValueKind,
 };
 pub use settings::StageSettings;
 pub(crate) use settings::Symmetry;

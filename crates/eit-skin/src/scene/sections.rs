@@ -303,8 +303,61 @@ pub struct RecordingSettings {
     pub first_frame: Option<usize>,
     /// Frames per second, if the file does not tell.
     pub frame_rate_hz: Option<f64>,
-    /// Factor for every value: -1 reverses the polarity, 1e-3 converts millivolts to volts.
+    /// What the values are.
+    #[serde(default)]
+    pub values: ValueKind,
+    /// Factor for every voltage: -1 reverses the polarity, 1e-3 converts millivolts to volts.
     pub scale: Option<f64>,
+}
+
+/// What an instrument reports of a voltage V; factors do not matter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ValueKind {
+    /// V.
+    #[default]
+    Voltage,
+    /// 1 / V, as impedance converters do that measure the current of a given voltage.
+    Reciprocal,
+    /// 20 lg |V|.
+    Decibel,
+    /// V squared, a power.
+    Squared,
+}
+
+impl ValueKind {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Voltage, Self::Reciprocal, Self::Decibel, Self::Squared];
+
+    /// The voltage of a value; not finite if there is none.
+    pub fn voltage(self, value: f64) -> f64 {
+        match self {
+            Self::Voltage => value,
+            Self::Reciprocal => value.recip(),
+            Self::Decibel => 10.0_f64.powf(value / 20.0),
+            Self::Squared => value.sqrt(),
+        }
+    }
+
+    /// What an instrument reports of a voltage.
+    pub(crate) fn of_voltage(self, voltage: f64) -> f64 {
+        match self {
+            Self::Voltage => voltage,
+            Self::Reciprocal => voltage.recip(),
+            Self::Decibel => 20.0 * voltage.abs().log10(),
+            Self::Squared => voltage * voltage,
+        }
+    }
+
+    /// The name in a scene, and what it means.
+    pub fn name(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Voltage => ("voltage", "V"),
+            Self::Reciprocal => ("reciprocal", "1 / V"),
+            Self::Decibel => ("decibel", "20 lg V"),
+            Self::Squared => ("squared", "V squared"),
+        }
+    }
 }
 
 /// One file, or several whose frames are concatenated.

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::error::SkinError;
 use crate::weave::Weave;
-use eit_hw::{Format, ReadOptions};
+use eit_hw::{Format, MeasuredFrames, Quality, ReadOptions};
 use std::path::PathBuf;
 
 /// Settings of the stages after the model: frames, noise, images, touches.
@@ -34,7 +34,21 @@ impl RecordingSettings {
         })
     }
 
-    /// Factor for every value.
+    /// Converts values of frames to voltages; those that have none are flagged.
+    pub(crate) fn convert(&self, frames: &mut MeasuredFrames) {
+        let (kind, factor) = (self.values, self.factor());
+        ndarray::Zip::from(&mut frames.values).and(&mut frames.quality).for_each(
+            |value, quality| {
+                let was_known = value.is_finite();
+                *value = factor * kind.voltage(*value);
+                if was_known && !value.is_finite() {
+                    *quality |= Quality::NON_FINITE;
+                }
+            },
+        );
+    }
+
+    /// Factor for every voltage.
     pub(crate) fn factor(&self) -> f64 {
         self.scale.unwrap_or(1.0)
     }

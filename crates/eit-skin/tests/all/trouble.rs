@@ -14,7 +14,7 @@ use eit_skin::eit_hw::driver::Event;
 use eit_skin::eit_hw::{Frame, Quality, Unit};
 use eit_skin::live::{LiveModel, LiveStream, SkinState};
 use eit_skin::ndarray::Array2;
-use eit_skin::scene::Scene;
+use eit_skin::scene::{Scene, ValueKind};
 use eit_skin::{Next, Progress, Sensor, Skin, TouchState};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -333,6 +333,52 @@ fn a_reference_is_the_one_that_is_told() {
     assert!(notes.contains("1 of the 20 reference frames") && count == 19, "{notes}");
     let (_, notes, count) = of(0..35);
     assert!(notes.contains("18 of the 20 reference frames") && count == 40, "{notes}");
+}
+
+/// A board that reports a function of the voltage: the function is named from the untouched skin, and with it in the scene the same
+/// finger is found.
+#[test]
+fn values_that_are_no_voltages_are_named_and_converted() {
+    let (mut skin, bench) = disc();
+    let sent = frames(&held(&bench, 57));
+    let valid = |sensor: &mut Sensor, sent: &[Frame]| -> Vec<[f64; 2]> {
+        let mut places = Vec::new();
+        for frame in sent {
+            let found = sensor.push(frame).unwrap();
+            let touches = found.iter().flat_map(|found| found.touches);
+            places.extend(touches.filter(|t| t.valid).map(|t| [t.position_m[0], t.position_m[1]]));
+        }
+        places
+    };
+    let wanted = valid(&mut skin.sensor().unwrap(), &sent).len();
+    for (kind, of) in [
+        (ValueKind::Reciprocal, (|v: f64| 1e3 / v.abs()) as fn(f64) -> f64),
+        (ValueKind::Decibel, |v| 20.0 * v.abs().log10()),
+        (ValueKind::Squared, |v| v * v),
+    ] {
+        let mut reported = sent.clone();
+        reported.iter_mut().flat_map(|frame| &mut frame.values).for_each(|v| *v = of(*v));
+        skin.settings.recording.values = ValueKind::Voltage;
+        let mut sensor = skin.sensor().unwrap();
+        let blind = valid(&mut sensor, &reported).len();
+        let named = format!("values = \"{}\"", kind.name().0);
+        assert!(sensor.notes().iter().any(|note| note.contains(&named)), "{:?}", sensor.notes());
+        skin.settings.recording.values = kind;
+        let mut sensor = skin.sensor().unwrap();
+        let places = valid(&mut sensor, &reported);
+        println!(
+            "{kind:?}: {blind} touches as voltages, {} converted, {wanted} of voltages",
+            places.len()
+        );
+        assert!(
+            !sensor.notes().iter().any(|note| note.contains("values =")),
+            "{:?}",
+            sensor.notes()
+        );
+        assert!(places.len() + 3 >= wanted && places.len() <= wanted + 3);
+        let off_m = |[x, y]: &[f64; 2]| (x - AT[0]).hypot(y - AT[1]);
+        assert!(places.iter().all(|place| off_m(place) < 0.01), "{places:?}");
+    }
 }
 
 /// Live frames do not wait while the detector of touches is set up: they are not searched. Frames of a recording wait, but those that

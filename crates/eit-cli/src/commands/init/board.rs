@@ -8,10 +8,15 @@ use eit_fem::PairProtocol;
 use eit_hw::Endpoint;
 use eit_hw::driver::{Heard, listen};
 use eit_skin::first_scene::{FirstScene, FittingProtocol, fitting_protocols};
+use eit_skin::scene::ValueKind;
 use std::collections::BTreeSet;
 
 /// Fraction of binary bytes above which the output is not text.
 const BINARY: f64 = 0.1;
+/// Correlation with the model from which values are voltages without doubt, as for frames of a recording, ...
+const ALIKE: f64 = 0.9;
+/// ... and from which they are something else instead: that of electrodes up to 0.3 of their spacing off is 0.955.
+const CLEARLY: f64 = 0.95;
 
 /// Listens to the board, finds a matching protocol, and asks for presses.
 pub(super) fn find(args: &InitArgs, port: &str, first: &mut FirstScene) -> Result<Found, CliError> {
@@ -74,7 +79,11 @@ fn text_board(
     let mean: Vec<f64> = (0..values)
         .map(|i| heard.frames.iter().map(|frame| frame[i]).sum::<f64>() / count)
         .collect();
-    let fitting = fitting_protocols(&mean, first.outline, Some(first.electrodes))?;
+    let (kind, mean, fitting) = fitting_values(mean, first)?;
+    if kind != ValueKind::Voltage {
+        found.lines.push(format!("Its values are not voltages V but {}.", kind.name().1));
+    }
+    first.values = kind;
     let Some(best) = fitting.first() else { return Err(no_protocol(&mean, first)) };
     first.protocol = best.protocol.clone();
     found.reciprocity = best.reciprocity;
@@ -112,6 +121,34 @@ fn text_board(
             && best.correlation - next.correlation < CLEAR
     };
     Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
+}
+
+/// What the values are, the voltages, and the protocols that fit them: voltages, unless another reading fits well and they do not.
+fn fitting_values(
+    mean: Vec<f64>,
+    first: &FirstScene,
+) -> Result<(ValueKind, Vec<f64>, Vec<FittingProtocol>), CliError> {
+    let fit = |voltages: &[f64]| fitting_protocols(voltages, first.outline, Some(first.electrodes));
+    let is_good = |fitting: &[FittingProtocol], least: f64| {
+        fitting
+            .first()
+            .is_some_and(|best| !best.violates_reciprocity() && best.correlation >= least)
+    };
+    let fitting = fit(&mean)?;
+    if fitting.is_empty() || is_good(&fitting, ALIKE) {
+        return Ok((ValueKind::Voltage, mean, fitting));
+    }
+    for kind in ValueKind::ALL {
+        let voltages: Vec<f64> = mean.iter().map(|value| kind.voltage(*value)).collect();
+        if voltages.iter().any(|v| !v.is_finite()) {
+            continue;
+        }
+        let other = fit(&voltages)?;
+        if is_good(&other, CLEARLY) {
+            return Ok((kind, voltages, other));
+        }
+    }
+    Ok((ValueKind::Voltage, mean, fitting))
 }
 
 pub(super) fn description(fit: &FittingProtocol) -> String {

@@ -10,6 +10,7 @@ use eit_skin::connect::{self, Backlog};
 use eit_skin::first_scene::{
     FirstScene, FittingProtocol, KnownPress, Numbering, PressState, PressWatch, find_numbering,
 };
+use eit_skin::scene::ValueKind;
 use eit_skin::scene::{ChangeSign, Direction};
 
 /// Determines from two presses which electrode is the first.
@@ -68,7 +69,7 @@ fn collect(args: &InitArgs, first: &FirstScene) -> Result<(Vec<f64>, Vec<KnownPr
     let instrument = scene.instrument()?;
     let mut session = connect::open(&instrument, args.port.as_deref(), Backlog::Recorded)?;
     say("measuring the untouched skin: do not touch it");
-    let ((untouched, rate_hz), hold_s) = (untouched(&session)?, 0.5);
+    let ((untouched, rate_hz), hold_s) = (untouched(&session, first.values)?, 0.5);
     let window = ((hold_s * rate_hz) as usize).clamp(4, 1000);
     let mut watch = PressWatch::new(&untouched, window)?;
     let reference = watch.reference().to_vec();
@@ -81,7 +82,7 @@ fn collect(args: &InitArgs, first: &FirstScene) -> Result<(Vec<f64>, Vec<KnownPr
             "press {} of 2: {from:.0} mm from the centre towards the {side}, with a finger; hold it",
             at + 1
         ));
-        let held = until(&session, wait, |frame| match watch.push(&frame) {
+        let held = until(&session, first.values, wait, |frame| match watch.push(&frame) {
             PressState::Held(change) => Some(change),
             _ => None,
         })?;
@@ -94,7 +95,7 @@ fn collect(args: &InitArgs, first: &FirstScene) -> Result<(Vec<f64>, Vec<KnownPr
         say("detected; release it");
         let released =
             |frame: Vec<f64>| (watch.push(&frame) == PressState::Untouched).then_some(());
-        until(&session, wait, released)?.ok_or_else(|| {
+        until(&session, first.values, wait, released)?.ok_or_else(|| {
             CliError::failure(format!("the press did not end within {} s", wait.as_secs_f64()))
         })?;
         presses.push(KnownPress { place_m, change });
@@ -104,11 +105,11 @@ fn collect(args: &InitArgs, first: &FirstScene) -> Result<(Vec<f64>, Vec<KnownPr
 }
 
 /// Takes frames of the untouched skin; returns them with their rate in hertz.
-fn untouched(session: &Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
+fn untouched(session: &Session, kind: ValueKind) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     // a slow board takes two seconds per frame
     let (least, wait_s) = (8, 30);
     let (mut frames, mut first) = (Vec::new(), None::<Instant>);
-    let elapsed_s = until(session, Duration::from_secs(wait_s), |frame| {
+    let elapsed_s = until(session, kind, Duration::from_secs(wait_s), |frame| {
         frames.push(frame);
         let elapsed_s = first.get_or_insert_with(Instant::now).elapsed().as_secs_f64();
         (frames.len() >= least && elapsed_s >= 2.0).then_some(elapsed_s)
@@ -123,9 +124,10 @@ fn untouched(session: &Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     Ok((frames, rate_hz))
 }
 
-/// Passes frames to `take` until it returns something; `None` if it did not in time.
+/// Passes voltages of frames to `take` until it returns something; `None` if it did not in time.
 fn until<T>(
     session: &Session,
+    kind: ValueKind,
     wait: Duration,
     mut take: impl FnMut(Vec<f64>) -> Option<T>,
 ) -> Result<Option<T>, CliError> {
@@ -134,7 +136,7 @@ fn until<T>(
         let Some(Event::Frame(frame)) = session.next_event(Duration::from_millis(100))? else {
             continue;
         };
-        let values = frame.values.clone();
+        let values = frame.values.iter().map(|value| kind.voltage(*value)).collect();
         session.recycle(frame);
         if let Some(found) = take(values) {
             return Ok(Some(found));
