@@ -292,6 +292,16 @@ pub enum HwError {
         /// Names of the known formats.
         known: String,
     },
+    /// A file of another program, which is not read.
+    #[error("{place}: {what}: {mend}")]
+    Foreign {
+        /// The file.
+        place: Place,
+        /// What it is.
+        what: &'static str,
+        /// What to do.
+        mend: &'static str,
+    },
     /// More than one format matches.
     #[error(
         "{place}: may be {one} or {other}; set `[recording] format = \"{one}\"` or \"{other}\""

@@ -15,6 +15,7 @@ use eit_hw::capture::{
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
 use eit_skin::scene::Scene;
 use eit_skin::text::counted;
+use eit_skin::touches::DEFAULT_RATE_HZ;
 use serde_json::json;
 use std::cell::OnceCell;
 use std::io::Write;
@@ -175,6 +176,8 @@ struct Source {
     quadruples: Option<Vec<Quadruple>>,
     map: OnceCell<FrameMap>,
     counts: Counts,
+    /// Frames per second of a table without times, if the scene states it.
+    rate_hz: Option<f64>,
     /// Number of incomplete frames that the reader skipped.
     cut: usize,
     notes: Vec<String>,
@@ -245,6 +248,8 @@ impl Source {
     ) -> Result<(), ReportError> {
         let stated = scene.map(|scene| scene.stage_settings().recording.reading()).transpose()?;
         let (format, mut options) = stated.unwrap_or_default();
+        let settings_of = scene.map(|scene| scene.stage_settings().recording);
+        self.rate_hz = settings_of.and_then(|keys| keys.frame_rate_hz);
         options.complex |= settings.complex;
         let mut table = eit_hw::read_recording(&settings.input, format, &options)?;
         if let Some(protocol) = protocol {
@@ -299,11 +304,22 @@ impl Source {
             same.check(reader.damage())?;
             return Ok(reader.damage());
         };
-        take(self.converted(Entry::Session(session.clone()), &same)?, None)?;
+        take(self.converted(Entry::Session(session.clone()), &same)?, Some(self.times(None)))?;
         for frame in table.frames() {
-            take(self.converted(Entry::Frame(frame), &same)?, None)?;
+            let times = self.times(Some(&frame));
+            take(self.converted(Entry::Frame(frame), &same)?, Some(times))?;
         }
         Ok(Damage::default())
+    }
+
+    /// When a frame of a table was measured, by its clock or the rate, else 20 a second, from 1970 on: a table states no date.
+    fn times(&self, frame: Option<&Frame>) -> MessageTimes {
+        let rate_hz = self.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+        let by_rate = |frame: &Frame| frame.sequence as f64 / rate_hz;
+        let time_s =
+            frame.map_or(0.0, |frame| frame.device_time_s.unwrap_or_else(|| by_rate(frame)));
+        let ns = (1e9 * time_s).round() as u64;
+        MessageTimes::at(ns)
     }
 
     /// A message for the scene's protocol, after those that `same` has seen.

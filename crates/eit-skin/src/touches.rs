@@ -27,7 +27,7 @@ use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use ndarray::Array2;
 
 /// Frame rate that is assumed where none is known, hertz.
-pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
+pub const DEFAULT_RATE_HZ: f64 = 20.0;
 
 /// Says that a frame rate is assumed: times and velocities of touches depend on it.
 pub(crate) fn assumed_rate_text() -> String {

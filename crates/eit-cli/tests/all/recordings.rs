@@ -260,17 +260,24 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
     assert!(said.contains("[recording] frame_rate_hz"), "{said}");
     succeed(&named);
 
-    // the column of times is named, whatever reads the table
+    // a column of times is left out, and one that is something else is named, whatever reads the table
     let content = read_text(&table);
-    let rows = content.lines().enumerate().map(|(k, row)| format!("{},{row}\n", 0.02 * k as f64));
-    let timed = folder.write("timed.csv", rows.collect::<String>());
+    let with = |name: &str, first: fn(usize) -> f64| {
+        let rows = content.lines().enumerate().map(|(k, row)| format!("{},{row}\n", first(k)));
+        folder.write(name, rows.collect::<String>())
+    };
+    let timed = with("timed.csv", |k| 0.02 * k as f64);
+    let other = with("other.csv", |k| (k as f64).sin());
     let reconstruct = |scene: &str, table: &str| {
         format!("reconstruct {scene} --frames {table} --reference 0..40 --out {out}")
     };
-    let convert = format!("convert {timed} --scene {plain} --out {}", folder.path("other.mcap"));
-    for line in [reconstruct(&plain, &timed), convert] {
+    let convert = |table: &str| {
+        format!("convert {table} --scene {plain} --out {}", folder.path("other.mcap"))
+    };
+    for line in [reconstruct(&plain, &other), convert(&other)] {
         assert!(refuse(&line).contains("remove that column"), "{line}");
     }
+    assert!(succeed(convert(&timed)).contains("the first column grows in equal steps"));
 
     // the arrangement that the scene states is that of the table
     let rows: Vec<Vec<&str>> = content.lines().map(|row| row.split(',').collect()).collect();

@@ -25,6 +25,13 @@ pub struct MessageTimes {
     pub publish_ns: u64,
 }
 
+impl MessageTimes {
+    /// Both times are this one.
+    pub fn at(ns: u64) -> Self {
+        Self { log_ns: ns, publish_ns: ns }
+    }
+}
+
 /// Longest message that is read, in bytes: enough for 262 144 values with all their digits.
 pub(super) const MOST_MESSAGE_BYTES: usize = 8 << 20;
 

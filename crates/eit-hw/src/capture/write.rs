@@ -65,6 +65,8 @@ pub struct CaptureWriter {
     log_time_ns: u64,
     /// Start of the open chunk.
     open_since: Option<Instant>,
+    /// Log time of its first message.
+    chunk_began_ns: Option<u64>,
     json: Vec<u8>,
     /// Number of values of a frame of the current session; `None` if it does not name them.
     width: Option<usize>,
@@ -140,6 +142,7 @@ impl CaptureWriter {
             has_scene: false,
             log_time_ns: 0,
             open_since: None,
+            chunk_began_ns: None,
             json: Vec::new(),
             width: None,
             finished: false,
@@ -276,7 +279,11 @@ impl CaptureWriter {
             return Err(write_error(&self.path, McapError::AttemptedWriteAfterFailure));
         }
         let written = self.writer.write_to_known_channel(&header, &self.json);
-        self.packed(written)
+        self.packed(written)?;
+        // a copy is written faster than it was recorded
+        let began_ns = *self.chunk_began_ns.get_or_insert(times.log_ns);
+        let span_s = 1e-9 * times.log_ns.saturating_sub(began_ns) as f64;
+        if span_s >= self.settings.flush_s { self.flush() } else { Ok(()) }
     }
 
     /// Moves what the container has packed to the file. After a failure, such as a full disk, the
@@ -313,7 +320,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`] if the file cannot be written.
     pub fn flush(&mut self) -> Result<(), HwError> {
-        self.open_since = None;
+        (self.open_since, self.chunk_began_ns) = (None, None);
         let packed = self.writer.flush();
         self.packed(packed)?;
         if self.file.is_removed() {

@@ -2,8 +2,7 @@
 //!
 //! Lines are read as those of boards ([`codec::text`](crate::codec::text)), and a note says what was stripped from them. Everything
 //! after `#` is a comment. Blank lines are skipped, and so is the first line if none of its fields starts as a number or they number
-//! eight or more columns (a header). Every row must have as many values as the first. A first column that only counts is left out
-//! ([`Note::Counter`]).
+//! eight or more columns (a header). Every row must have as many values as the first.
 //!
 //! Where commas alone separate, they are no decimal ones. Where every line is a pair of whole numbers as in `1,5`, a note says
 //! that it was read as two ([`Note::DecimalComma`]); where pairs as in `0,25` are twice as many values as
@@ -104,27 +103,20 @@ impl Rows {
         ))
     }
 
-    /// Drops a first column of times or numbers of frames, which grow in equal steps: no voltage does so for so long.
-    fn drop_counter(&mut self) -> Option<Note> {
-        if self.columns < LEAST_INDEX || self.count < LEAST_COUNTED {
-            return None;
+    /// Whether the first column grows in equal steps, as numbers and times of frames do.
+    fn counts(&self) -> bool {
+        if self.columns < 2 || self.count < LEAST_COUNTED {
+            return false;
         }
         let first: Vec<f64> = self.values.iter().step_by(self.columns).copied().collect();
         let step = first[1] - first[0];
         let is_step = |pair: &[f64]| (pair[1] - pair[0] - step).abs() <= 1e-6 * step;
-        if !(step > 0.0 && first.windows(2).all(is_step)) {
-            return None;
-        }
-        let (columns, mut at) = (self.columns, 0..);
-        self.values.retain(|_| !at.next().is_some_and(|k: usize| k.is_multiple_of(columns)));
-        self.columns -= 1;
-        Some(Note::Counter)
+        step > 0.0 && first.windows(2).all(is_step)
     }
 
-    fn recording(mut self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {
+    fn recording(self, path: &Path, options: &ReadOptions) -> Result<Recording, HwError> {
         let (orientation, complex) = (options.frames_are.unwrap_or_default(), options.complex);
-        let counter =
-            (orientation == FrameOrientation::Rows).then(|| self.drop_counter()).flatten();
+        let has_counter = orientation == FrameOrientation::Rows && self.counts();
         if self.values.is_empty() {
             return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
         }
@@ -150,7 +142,7 @@ impl Rows {
         recording.frames_are = Some(orientation);
         recording.notes.extend(self.header.map(|line| Note::HeaderLine { line }));
         recording.notes.extend(self.unended.map(|line| Note::NoLineEnd { line }));
-        recording.notes.extend(counter);
+        recording.has_counter = has_counter;
         recording.notes.extend(self.stripped.words().map(|what| Note::Stripped { what }));
         recording.may_have_decimal_commas = !self.unpaired && self.decimal;
         if self.columns == 2 && !self.unpaired {

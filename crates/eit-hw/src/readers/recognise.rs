@@ -9,6 +9,28 @@ use crate::codec::text::line;
 use crate::error::{HwError, Place};
 use crate::recording::Format;
 
+/// First bytes of files that are not read, what they are, and what to do.
+const FOREIGN: [(&[u8], &str, &str); 4] = [
+    (
+        b"MATLAB 5.0",
+        "a MATLAB file",
+        "write the matrix [frame, measurement] as CSV, in MATLAB by writematrix(v, 'frames.csv'), in Python by \
+         numpy.savetxt('frames.csv', scipy.io.loadmat(FILE)[NAME], delimiter=',')",
+    ),
+    (
+        b"\x89HDF\r\n\x1a\n",
+        "an HDF5 file (also of MATLAB 7.3)",
+        "write the matrix [frame, measurement] as NPY, in Python by numpy.save('frames.npy', h5py.File(FILE)[NAME])",
+    ),
+    (
+        b"PK\x03\x04",
+        "a zip archive, such as of NumPy (.npz) or Excel (.xlsx)",
+        "write the matrix [frame, measurement] as NPY, in Python by numpy.save('frames.npy', numpy.load(FILE)[NAME]), or save \
+         the sheet as CSV",
+    ),
+    (b"\xd0\xcf\x11\xe0", "an old Excel file", "save the sheet as CSV"),
+];
+
 /// Returns the format of a folder.
 pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
     let names = file_names(path)?;
@@ -36,6 +58,9 @@ pub(super) fn file(
     }
     if bytes.starts_with(super::MCAP_MAGIC) {
         return Ok(Format::Mcap);
+    }
+    if let Some((_, what, mend)) = FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)) {
+        return Err(HwError::Foreign { place: Place::file(path), what, mend });
     }
     if bytes.starts_with(b"#MEAS") {
         return Ok(Format::Lct);

@@ -18,22 +18,36 @@ use crate::error::{HwError, Place, shortened};
 use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
-/// Reads a folder of `.eit` files, in the order of the numbers at the end of their names.
+/// Reads a folder of `.eit` files, in the order of the numbers at the end of their names. A damaged file, such as the last one of a
+/// program that was stopped, is left out, with a note, unless all are.
 ///
 /// The layout is [`Layout::Potentials`], complex, in [`Unit::Volt`].
 ///
 /// # Errors
-/// Those of [`parse`], and [`HwError`] if a file cannot be read, a name has no number, two
+/// Those of [`parse`] if no file can be read, and [`HwError`] if a file cannot be read, a name has no number, two
 /// recordings share the folder, or a frame has other drives or channels than the first.
 pub(super) fn read(path: &Path, frequency_row: usize) -> Result<Recording, HwError> {
     let files = numbered_files(path)?;
     let mut frames = Frames::default();
+    let mut damaged = Vec::new();
     for (_, name) in &files {
         let path = path.join(name);
         let bytes = file_bytes(&path, Format::Sciospec.name())?;
-        frames.push(EitFrame::parse(&bytes, &path, frequency_row)?, &path)?;
+        match EitFrame::parse(&bytes, &path, frequency_row) {
+            Ok(frame) => frames.push(frame, &path)?,
+            Err(error) => damaged.push(error),
+        }
+    }
+    if frames.first.is_none()
+        && let Some(error) = damaged.pop()
+    {
+        return Err(error);
     }
     let mut recording = frames.finish(path)?;
+    if let Some(first) = damaged.first() {
+        let (count, first) = (damaged.len(), first.to_string());
+        recording.notes.push(Note::DamagedFiles { count, first });
+    }
     recording.notes.extend(missing_numbers(files.iter().map(|(number, _)| *number)));
     Ok(recording)
 }

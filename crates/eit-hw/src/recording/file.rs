@@ -28,6 +28,8 @@ pub struct Recording {
     pub quality: Option<Array2<Quality>>,
     /// Whether commas that were read as separators may be decimal ones.
     pub(crate) may_have_decimal_commas: bool,
+    /// Whether the first value of frames grows in equal steps.
+    pub(crate) has_counter: bool,
     /// Rows and columns of the table that is one frame.
     pub(crate) matrix: Option<[usize; 2]>,
     /// Electrodes of each value.
@@ -90,6 +92,7 @@ impl Recording {
             imaginary: imaginary.map(array).transpose()?,
             quality: quality.map(|flags| shaped(flags, shape).ok_or_else(none)).transpose()?,
             may_have_decimal_commas: false,
+            has_counter: false,
             matrix: None,
             layout,
             unit,
@@ -123,12 +126,18 @@ impl Recording {
         self
     }
 
-    /// Arranges a table for `count` measurements: joins its lines to frames if each holds one value, or those of one drive of the
+    /// Arranges a table for `count` measurements: leaves out a first column of frame numbers or times, if there is one more, joins its lines to frames if each holds one value, or those of one drive of the
     /// protocol, and turns a matrix whose lines are drives. A note says so.
     #[must_use]
     pub fn arranged_for(mut self, quadruples: Option<&[Quadruple]>, count: usize) -> Self {
         if self.layout != Layout::ProtocolOrder || self.imaginary.is_some() {
             return self;
+        }
+        if self.has_counter && self.value_count() == count + 1 {
+            let others: Vec<usize> = (1..=count).collect();
+            self.real = self.real.select(Axis(1), &others);
+            self.quality = self.quality.map(|quality| quality.select(Axis(1), &others));
+            self.notes.push(Note::Counter);
         }
         let same = |one: &Quadruple, other: &Quadruple| one[..2] == other[..2];
         let drives = quadruples.map_or(1, |all| all.chunk_by(same).count()).max(1);

@@ -123,6 +123,13 @@ pub enum Note {
     },
     /// The first column counts frames or time and was left out.
     Counter,
+    /// Damaged files of a folder were left out.
+    DamagedFiles {
+        /// Number of files.
+        count: usize,
+        /// What is wrong with the first.
+        first: String,
+    },
     /// Lines were joined to frames.
     Joined {
         /// Number of lines of a frame.
@@ -237,6 +244,9 @@ impl fmt::Display for Note {
             Self::Counter => f.write_str(
                 "the first column grows in equal steps, as numbers or times of frames do: left out",
             ),
+            Self::DamagedFiles { count, first } => {
+                write!(f, "{count} damaged file(s) left out; the first: {first}")
+            }
             Self::Joined { lines } => write!(f, "{lines} lines were joined to each frame"),
             Self::Turned { drives } => write!(
                 f,

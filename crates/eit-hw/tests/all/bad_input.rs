@@ -51,15 +51,18 @@ fn csv_layouts_that_are_read() {
         assert_eq!(read.real, wanted, "{text:?}");
         assert!(matches!(&read.notes[..], [Note::Stripped { .. }]), "{:?}", read.notes);
     }
-    // a column of frame numbers; not one of values that grow otherwise, or in a narrow table
+    // a column of frame numbers beside the measurements; not one of values that grow otherwise
     let rows = |first: &dyn Fn(i32) -> i32, rest: &str| -> String {
         (0..5).map(|k| format!("{}{rest}\n", first(k))).collect()
     };
     let wide = ",9,8,7,6,5,4,3";
-    let counted = csv_of(rows(&|k| 7 + 3 * k, wide)).unwrap();
+    let of = |first: &dyn Fn(i32) -> i32, count| {
+        csv_of(rows(first, wide)).unwrap().arranged_for(None, count)
+    };
+    let counted = of(&|k| 7 + 3 * k, 7);
     assert_eq!((counted.value_count(), &counted.notes[..]), (7, &[Note::Counter][..]));
-    assert_eq!(csv_of(rows(&|k| k * k, wide)).unwrap().value_count(), 8);
-    assert_eq!(csv_of(rows(&|k| k, ",9,8")).unwrap().value_count(), 3);
+    assert_eq!(of(&|k| 7 + 3 * k, 8).value_count(), 8);
+    assert_eq!(of(&|k| k * k, 7).value_count(), 8);
     let columns = table(FrameOrientation::Columns, false);
     let read = parse(Format::Csv, "1,4\n-2.5,5\n3e-6,6\n", &columns).unwrap();
     assert_eq!(read.real, wanted);
@@ -91,6 +94,22 @@ fn csv_faults() {
         parse_recording(b"1,z\n", "a\nb.csv", Format::Csv, &ReadOptions::default()),
         &["a?b.csv"],
     );
+}
+
+/// Files of other programs are named, with a way to convert them.
+#[test]
+fn foreign_files_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (bytes, what) in [
+        (&b"MATLAB 5.0 MAT-file, Platform: GLNXA64"[..], "a MATLAB file: write the matrix"),
+        (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file (also of MATLAB 7.3): write the matrix"),
+        (b"PK\x03\x04\x14\0", "NumPy (.npz) or Excel (.xlsx): write the matrix"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "an old Excel file: save the sheet as CSV"),
+    ] {
+        let path = folder.path().join("f.dat");
+        fs::write(&path, bytes).unwrap();
+        refused(read_recording(&path, None, &ReadOptions::default()), &["f.dat", what]);
+    }
 }
 
 /// Returns an NPY file of version 1.
@@ -279,8 +298,15 @@ fn sciospec_folders() {
     refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
     write("t_14.eit", &format!("{EIT_HEADER}1 2\n1 0 2 0 3 0\n"));
     refused(read(), &["t_14.eit", "3 electrodes", "expected 2"]);
-    write("t_14.eit", "");
-    refused(read(), &["t_14.eit", "empty"]);
+    // a damaged file costs itself
+    for damaged in ["", &frame(14)[..frame(14).len() / 2]] {
+        write("t_14.eit", damaged);
+        let rest = read().unwrap();
+        let left_out = rest.notes.iter().any(|note| {
+            matches!(note, Note::DamagedFiles { count: 1, first } if first.contains("t_14.eit"))
+        });
+        assert!(left_out && rest.frame_count() == 3, "{:?}", rest.notes);
+    }
     fs::remove_file(path.join("t_14.eit")).unwrap();
     write("u_1.eit", &frame(1));
     refused(read(), &["`t_`", "`u_`", "one recording"]);
