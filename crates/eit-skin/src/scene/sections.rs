@@ -340,7 +340,7 @@ impl ValueKind {
     }
 
     /// What an instrument reports of a voltage.
-    pub(crate) fn of_voltage(self, voltage: f64) -> f64 {
+    pub fn of_voltage(self, voltage: f64) -> f64 {
         match self {
             Self::Voltage => voltage,
             Self::Reciprocal => voltage.recip(),
