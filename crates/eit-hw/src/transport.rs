@@ -4,6 +4,7 @@ mod advice;
 mod endpoint;
 #[cfg(feature = "serial")]
 mod ports;
+mod users;
 
 pub use endpoint::Endpoint;
 #[cfg(feature = "serial")]

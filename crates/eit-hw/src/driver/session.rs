@@ -79,6 +79,8 @@ impl Session {
             identity: setup.identity.clone(),
             silence: Silence::new(setup.frame_rate_hz),
             lost_since: None,
+            lost: 0,
+            looked: None,
             stream,
         };
         let thread = std::thread::Builder::new()

@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use crate::scene::DifferenceKind;
 use crate::total_variation::TvStream;
 use eit_inverse::touch::Touch;
-use eit_inverse::{InverseError, NuisanceParameters};
+use eit_inverse::{InverseError, NuisanceParameters, SequenceStatus};
 use eit_mesh::Raster;
 
 /// Makes the images of an epoch; independent of any clock.
@@ -50,6 +50,8 @@ pub struct ImageState {
     pub gap: Option<f64>,
     /// Number of iterations that the image took.
     pub iterations: usize,
+    /// Its time was over before it reached the gap that it should have.
+    pub is_unfinished: bool,
     /// The U-net's image does not explain the measurements; its input is shown instead.
     pub is_aside: bool,
     /// The raw image shown in place of the net's does not explain the measurements either.
@@ -164,6 +166,7 @@ impl LiveImages {
                 if !self.state.is_lost {
                     self.state.iterations = step.iterations;
                     let gap = step.certificate.relative_gap();
+                    self.state.is_unfinished = step.status == SequenceStatus::IterationCap;
                     self.state.gap = (!step.quiet && gap.is_finite()).then_some(gap);
                 }
             }

@@ -61,8 +61,12 @@ pub struct Summary {
 pub struct ImageSummary {
     /// Method and weights of the last epoch.
     pub how: String,
-    /// Largest certified gap of an image.
+    /// Largest certified gap of an image that reached the one it should have, ...
     pub worst_gap: Option<f64>,
+    /// ... number of those whose time was over before, ...
+    pub unfinished: u64,
+    /// ... and the largest gap of these.
+    pub worst_unfinished_gap: Option<f64>,
     /// Number of frames whose U-net image did not explain the measurements, so that its input was shown.
     pub put_aside: u64,
     /// Number of those whose raw image does not explain the measurements either.
@@ -82,6 +86,10 @@ impl ImageSummary {
         let mut words = self.how.clone();
         if let Some(gap) = self.worst_gap {
             words += &format!(", proven to within {:.1} % of the optimum", 100.0 * gap.max(0.0));
+        }
+        if let Some(gap) = self.worst_unfinished_gap {
+            let (count, gap) = (self.unfinished, 100.0 * gap.max(0.0));
+            words += &format!(", {count} images whose time was over before to within {gap:.1} %");
         }
         let mut add = |count: u64, what: &str| {
             if count > 0 {
@@ -106,8 +114,13 @@ impl ImageSummary {
         self.unexplained += u64::from(state.is_unexplained);
         self.beyond_delta += u64::from(state.is_interpolated);
         self.lost += u64::from(state.is_lost);
+        self.unfinished += u64::from(state.is_unfinished);
         if let Some(gap) = state.gap {
-            self.worst_gap = Some(self.worst_gap.map_or(gap, |worst| worst.max(gap)));
+            let worst = match state.is_unfinished {
+                true => &mut self.worst_unfinished_gap,
+                false => &mut self.worst_gap,
+            };
+            *worst = Some(worst.map_or(gap, |worst| worst.max(gap)));
         }
     }
 }

@@ -17,6 +17,9 @@ use crate::driver::source::Event;
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
+/// Shortest time between two looks for other users of the port, which take some milliseconds.
+const LOOK_EVERY: Duration = Duration::from_secs(30);
+
 /// State of the reader thread.
 pub(super) struct Reader {
     pub(super) driver: Box<dyn Driver>,
@@ -29,6 +32,10 @@ pub(super) struct Reader {
     pub(super) silence: Silence,
     /// Time of the last frame before the connection was lost, until the next frame.
     pub(super) lost_since: Option<Instant>,
+    /// Number of lost frames so far.
+    pub(super) lost: u64,
+    /// When other users of the port were looked for last.
+    pub(super) looked: Option<Instant>,
 }
 
 /// Why a connection ended.
@@ -74,6 +81,21 @@ impl Reader {
         }
     }
 
+    /// Names other programs that have the port open, since they take bytes: not more often than necessary.
+    fn name_other_users(&mut self, now: Instant) {
+        if self.looked.is_some_and(|looked| now.duration_since(looked) < LOOK_EVERY) {
+            return;
+        }
+        self.looked = Some(now);
+        let others = self.endpoint.other_users();
+        if !others.is_empty() {
+            let others = others.join(", ");
+            self.queue.push(Event::Notice(format!(
+                "the port is also open in {others}: each byte goes to one of them; close the others"
+            )));
+        }
+    }
+
     fn quits(&self) -> bool {
         self.quit.load(Ordering::Relaxed)
     }
@@ -110,6 +132,10 @@ impl Reader {
                 None => {}
             }
             let now = Instant::now();
+            let lost = self.queue.statistics().lost;
+            if std::mem::replace(&mut self.lost, lost) < lost {
+                self.name_other_users(now);
+            }
             if frames > 0 {
                 noise = Noise::default();
                 let silent_s = self.silence.frame(now);
@@ -119,6 +145,9 @@ impl Reader {
                 event!(WARN, "the instrument is silent", for_s = for_s);
                 let bytes = noise.bytes(for_s, now);
                 self.queue.push(Event::Silent { for_s, bytes });
+                if bytes > 0 {
+                    self.name_other_users(now);
+                }
             } else if self.settings.reconnect.is_some()
                 && self.silence.is_stall(&self.settings, now)
             {
