@@ -126,11 +126,12 @@ impl Recording {
         self
     }
 
-    /// Arranges a table for `count` measurements: leaves out a first column of frame numbers or times, if there is one more, joins its lines to frames if each holds one value, or those of one drive of the
-    /// protocol, and turns a matrix whose lines are drives. A note says so.
+    /// Arranges a table for `count` measurements: leaves out a first column of frame numbers or times, if there is one more; joins its
+    /// lines to frames if each holds one value, or those of one drive of the protocol; and turns a matrix whose lines are drives. A
+    /// note says so.
     #[must_use]
     pub fn arranged_for(mut self, quadruples: Option<&[Quadruple]>, count: usize) -> Self {
-        if self.layout != Layout::ProtocolOrder || self.imaginary.is_some() {
+        if self.layout != Layout::ProtocolOrder || self.imaginary.is_some() || count == 0 {
             return self;
         }
         if self.has_counter && self.value_count() == count + 1 {
@@ -147,7 +148,7 @@ impl Recording {
         if self.frames_are == Some(FrameOrientation::Rows)
             && is_line
             && columns != count
-            && (rows * columns).is_multiple_of(count.max(1))
+            && (rows * columns).is_multiple_of(count)
             && (rows != count || columns == 1)
         {
             let shape = [rows * columns / count, count];

@@ -56,6 +56,7 @@ fn tables_are_compared_with_the_shape_of_the_protocol() {
         let read = csv(&lines(columns, rows)).unwrap().arranged_for(Some(&quadruples), count);
         assert_eq!(read.real.dim(), (rows, columns));
     }
+    assert_eq!(csv("1\n2\n").unwrap().arranged_for(None, 0).real.dim(), (2, 1));
     let matrix = |columns, rows| {
         let options = table(FrameOrientation::Matrix, false);
         let read = parse(Format::Csv, &lines(columns, rows), &options).unwrap();

@@ -138,7 +138,7 @@ fn fitting_values(
     if fitting.is_empty() || is_good(&fitting, ALIKE) {
         return Ok((ValueKind::Voltage, mean, fitting));
     }
-    for kind in ValueKind::ALL {
+    for kind in ValueKind::ALL.into_iter().filter(|kind| *kind != ValueKind::Voltage) {
         let voltages: Vec<f64> = mean.iter().map(|value| kind.voltage(*value)).collect();
         if voltages.iter().any(|v| !v.is_finite()) {
             continue;

@@ -110,7 +110,12 @@ fn bare<'a>(line: &'a str, stripped: &mut Stripped) -> &'a str {
             stripped.brackets = true;
             let inner = inner.strip_suffix(quote).unwrap_or(inner);
             // as Python writes line ends
-            bare = inner.trim_end_matches(['n', 'r', '\\', ',', ';', ' ', '\t']);
+            let ended = |text: &'a str| {
+                let text = text.trim_end_matches(ENDS);
+                text.strip_suffix("\\n").or_else(|| text.strip_suffix("\\r"))
+            };
+            bare = std::iter::successors(Some(inner), |text| ended(text)).last().unwrap_or(inner);
+            bare = bare.trim_end_matches(ENDS);
         }
     }
     if let Some((_, right)) = bare.rsplit_once("->").or_else(|| bare.rsplit_once("=>")) {
@@ -228,6 +233,8 @@ mod tests {
                 "{line}"
             );
         }
+        let (found, _) = read("b'1,nan\\r\\n'");
+        assert!(found.len() == 2 && found[1].is_nan(), "{found:?}");
         let (found, _) = read("nan,-inf,OVF,1");
         assert!(found[..3].iter().all(|value| value.is_nan()) && found[3] == 1.0);
     }
