@@ -13,6 +13,7 @@ use eit_hw::capture::{
     Recovered, SameSetUp, SessionRecord, recover,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
+use eit_skin::Skin;
 use eit_skin::scene::Scene;
 use eit_skin::text::counted;
 use eit_skin::touches::DEFAULT_RATE_HZ;
@@ -252,8 +253,9 @@ impl Source {
         self.rate_hz = settings_of.and_then(|keys| keys.frame_rate_hz);
         options.complex |= settings.complex;
         let mut table = eit_hw::read_recording(&settings.input, format, &options)?;
-        if let Some(protocol) = protocol {
-            table = table.arranged_for(protocol.quadruples(), protocol.measurements());
+        if let (Some(scene), Some(protocol)) = (scene, protocol) {
+            let layout = scene.frame_layout(protocol);
+            table = table.arranged_for(&layout, protocol.quadruples(), protocol.measurements());
         }
         let quadruples = match (protocol, &table.layout) {
             (None, Layout::Quadruples(quadruples)) => quadruples.clone(),
@@ -265,6 +267,13 @@ impl Source {
             }
             _ => Vec::new(),
         };
+        if let (Some(scene), Layout::ProtocolOrder) = (scene, &table.layout)
+            // one that has no real model is only converted
+            && let Ok(skin) = Skin::from_scene(scene.clone())
+        {
+            // once converted, its values have the names of the scene's electrodes
+            self.notes.extend(skin.check_order(&settings.input)?);
+        }
         if let Some(protocol) = protocol {
             let map = table.map_for(protocol.quadruples(), protocol.measurements())?;
             self.map = OnceCell::from(map);

@@ -7,6 +7,7 @@ use eit_picture::{Plot, Series, draw_plot};
 use eit_skin::learn::{
     CurvePoint, Frame, HeldOut, LearnedSkin, Learning, PlaceErrors, PressFrames, learning_curve,
 };
+use eit_skin::text::counted;
 use eit_skin::{FittedFrames, Progress};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -141,21 +142,28 @@ fn plot(learned: &LearnedSkin, curve: &[CurvePoint]) -> Plot {
     }
 }
 
-/// Notes about presses that should be checked, by their lines.
+/// Notes about presses that should be checked: one of each kind, with the worst press and their number.
 fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
-    let unlike = learning.unlike.iter().map(|unlike| {
+    let more = |count: usize| match count - 1 {
+        0 => String::new(),
+        more => format!(" (and {} with less or as much)", counted(more as u64, "press", "presses")),
+    };
+    let worst = learning.unlike.iter().max_by(|one, other| one.rest.total_cmp(&other.rest));
+    let unlike = worst.map(|worst| {
         format!(
-            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change: was the skin pressed \
-             at this place, and only there? The press is learnt all the same",
-            pressed.name(unlike.press),
-            100.0 * unlike.rest
+            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change{}: was the skin pressed \
+             at this place, and only there? Such a press is learnt all the same",
+            pressed.name(worst.press),
+            100.0 * worst.rest,
+            more(learning.unlike.len())
         )
     });
-    let forces = learning.without_touch.iter().map(|&press| {
-        let press = pressed.name(press);
-        format!("{press}: no touch was found in its frames, so its force is not learnt")
+    let forces = learning.without_touch.first().map(|&press| {
+        let (press, count) = (pressed.name(press), learning.without_touch.len());
+        let all = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+        format!("{press}{all}: no touch was found in its frames, so its force is not learnt")
     });
-    unlike.chain(forces).collect()
+    unlike.into_iter().chain(forces).collect()
 }
 
 /// The answer as text and as JSON.
@@ -177,6 +185,14 @@ fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     lines.push(format!("their error: {}; {unshown}", mm(&by_presses)));
     lines.extend(model.map(|model| format!("error of the model alone: {}; {unshown}", mm(&model))));
     lines.push(format!("error of the middle of the others: {}", mm(&middle)));
+    let is_nothing = learns_nothing(&learned.held_out);
+    if is_nothing {
+        lines.push(
+            "nothing was learnt: the middle of the presses is as near to one that is held out as what the others have taught. Do \
+             places and frames of the table belong together, and was the skin the same?"
+                .to_owned(),
+        );
+    }
     if learned.frame == Frame::Fitted {
         let [x_m, y_m, _] = learned.shift_m;
         lines.push(format!(
@@ -188,8 +204,17 @@ fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     lines.extend(curve.iter().map(tested));
     lines.extend(notes.iter().map(|note| format!("note: {note}")));
     let place = out.display();
-    lines.push(format!("written to {place}; for the scene:\n  [touch] learned = \"{place}\""));
+    lines.push(match is_nothing {
+        true => format!("written to {place}, which is not for a scene"),
+        false => format!("written to {place}; for the scene:\n  [touch] learned = \"{place}\""),
+    });
     Answer { text: lines.join("\n"), json: json(out, found, progress) }
+}
+
+/// Whether the places of presses that are held out are no nearer than the middle of the others.
+fn learns_nothing(held_out: &HeldOut) -> bool {
+    let HeldOut { presses, middle, .. } = held_out;
+    presses.median_m >= middle.median_m && presses.mean_m >= middle.mean_m
 }
 
 fn mm(errors: &PlaceErrors) -> String {
@@ -258,6 +283,7 @@ fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
         "measurements": learned.channels.len(),
         "places_by": learned.places_by,
         "held_out": learned.held_out,
+        "is_learnt": !learns_nothing(&learned.held_out),
         "frame": {
             "shift_m": learned.shift_m,
             "sign": learned.orientation.sign,

@@ -143,7 +143,8 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let mut settings =
         picture_settings(&linearised.skin.name, made.footnote.clone(), frames.rate_hz);
     if let Some(found) = &found {
-        out.write("touches.csv", |w| touches::write_csv(found, w))?;
+        let first = linearised.skin.settings.recording.first_frame.unwrap_or(0);
+        out.write("touches.csv", |w| touches::write_csv(found, first, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
     let images = made.images.view();

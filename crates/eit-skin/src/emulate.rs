@@ -118,6 +118,12 @@ pub fn device(
     progress: &mut Progress,
 ) -> Result<Box<dyn Device>, SkinError> {
     let wanted = quadruples(instrument);
+    if let DriverKind::Board(board) = &instrument.kind
+        && wanted.len() != board.format.measurements()
+    {
+        let problem = "an emulated board prints potentials of undriven electrodes only: set protocol.driven_electrodes = \"drop\"";
+        return Err(SkinError::input(problem).within(&skin.place));
+    }
     if !(0.0..=1.0).contains(&content.scan_share) {
         let why = format!("{}: it must be from 0 to 1", content.scan_share);
         return Err(SkinError::argument("scan_share", why));
@@ -174,6 +180,14 @@ fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
         }
         DriverKind::Board(board) => match &board.layout {
             Layout::Quadruples(quadruples) => quadruples.clone(),
+            // those of undriven electrodes, against the sink
+            Layout::Potentials { drives, electrodes, driven: false } => {
+                let others = |&[a, b]: &[u32; 2]| {
+                    let all = 0..u32::try_from(*electrodes).unwrap_or(u32::MAX);
+                    all.filter(move |e| ![a, b].contains(e)).map(move |e| [a, b, e, b])
+                };
+                drives.iter().flat_map(others).collect()
+            }
             _ => instrument.quadruples.clone(),
         },
     }
@@ -225,7 +239,7 @@ fn from_file(
 ) -> Result<Played, SkinError> {
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
     let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
-    let recording = recording.arranged_for(own, count);
+    let recording = recording.arranged_for(&skin.layout, own, count);
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;
         frames.to_volts(instrument.current_a);

@@ -23,11 +23,14 @@ mod transfer;
 
 pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};
-pub use protocols::{FittingProtocol, OffPlace, fitting_protocols};
+pub use protocols::{FittingProtocol, OffPlace, fitting_protocols, is_frame};
+pub(crate) use protocols::{is_signed, undriven};
+pub(crate) use transfer::{PairMatrix, Transfer};
 
+use crate::arrangement;
 use crate::error::SkinError;
 use crate::scene::{ChangeSign, Direction, Scene, ValueKind, from_toml};
-use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
+use eit_fem::{DrivenElectrodes, PairProtocol};
 
 /// Conductivity of the paper's fabric, siemens per square.
 const CONDUCTIVITY_S: f64 = 1e-5;
@@ -91,8 +94,10 @@ pub struct FirstScene {
     pub first_angle_deg: f64,
     /// Direction in which electrodes are counted.
     pub direction: Direction,
-    /// The board's measurement protocol.
+    /// The board's measurement protocol; of one that measures against a common electrode, of the pairs formed from its potentials.
     pub protocol: PairProtocol,
+    /// Of a board that measures against a common electrode: whether it sends the potentials of driven electrodes, too.
+    pub ground: Option<DrivenElectrodes>,
     /// "csv", "eits1" or a board's name.
     pub driver: String,
     /// Serial port or `tcp:HOST:PORT`.
@@ -118,6 +123,7 @@ impl FirstScene {
             first_angle_deg: 0.0,
             direction: Direction::Counterclockwise,
             protocol: PairProtocol { electrodes, ..PairProtocol::default() },
+            ground: None,
             driver: "csv".to_owned(),
             port: None,
             baud: None,
@@ -210,21 +216,19 @@ impl FirstScene {
     }
 
     fn protocol_toml(&self) -> String {
-        let driven = match self.protocol.driven_electrodes {
-            DrivenElectrodes::Drop => "drop",
-            DrivenElectrodes::Keep => "keep",
+        let measure = match self.ground {
+            Some(_) => "ground".to_owned(),
+            None => arrangement::name(&self.protocol.measure),
         };
-        let order = match self.protocol.order {
-            Order::Rotated => "rotated",
-            Order::Ascending => "ascending",
-        };
+        let driven = self.ground.unwrap_or(self.protocol.driven_electrodes);
+        let driven = arrangement::driven_name(driven);
+        let order = arrangement::order_name(self.protocol.order);
         format!(
-            "[protocol]\ndrive = \"{}\"\nmeasure = \"{}\"\n\
+            "[protocol]\ndrive = \"{}\"\nmeasure = \"{measure}\"\n\
              driven_electrodes = \"{driven}\"      # \"keep\": current-carrying electrodes are measured, too\n\
              order = \"{order}\"              # \"rotated\" or \"ascending\": docs/SCENE.md\n\
              current_a = {:e}               # normalised differences do not depend on it\n\n",
-            pattern(&self.protocol.drive),
-            pattern(&self.protocol.measure),
+            arrangement::name(&self.protocol.drive),
             self.protocol.current_a,
         )
     }
@@ -241,15 +245,6 @@ impl FirstScene {
     }
 }
 
-/// The name of a pattern in a scene. Lists of pairs have no name and are not among the candidates.
-fn pattern(pattern: &PairPattern) -> String {
-    match pattern {
-        PairPattern::Adjacent | PairPattern::Pairs(_) => "adjacent".to_owned(),
-        PairPattern::Opposite => "opposite".to_owned(),
-        PairPattern::Skip(between) => format!("skip-{between}"),
-    }
-}
-
 /// Rounds to a thousandth of a degree.
 fn rounded(angle_deg: f64) -> f64 {
     (angle_deg * 1e3).round() / 1e3 + 0.0
@@ -259,6 +254,7 @@ fn rounded(angle_deg: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::skin::Skin;
+    use eit_fem::{Order, PairPattern};
 
     #[test]
     fn what_is_written_is_read_back() {

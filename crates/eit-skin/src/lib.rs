@@ -2,6 +2,7 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
+mod arrangement;
 #[cfg(feature = "hw")]
 pub mod connect;
 #[cfg(feature = "denoise")]

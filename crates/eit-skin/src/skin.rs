@@ -12,6 +12,7 @@ use eit_fem::analytic::DiscSeries;
 #[cfg(feature = "fabric")]
 use eit_fem::fabric::Fabric;
 use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, Workspace};
+use eit_hw::Layout;
 use eit_mesh::{Mesh, Raster};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -48,6 +49,8 @@ pub struct SkinModel {
     pub accuracy: Option<Accuracy>,
     /// The pair protocol behind the patterns, if the order of data can be compared with others.
     pub pairs: Option<PairProtocol>,
+    /// What a frame holds where its source does not name electrodes.
+    pub layout: Layout,
     /// Whether data in another order than the protocol's is rejected.
     pub check_order: bool,
     /// The mesh-free series for this skin, if there is one.
@@ -153,6 +156,7 @@ impl Skin {
             series: scene.disc_series(electrodes)?,
             symmetry: scene.symmetry(),
             pairs,
+            layout: scene.frame_layout(&protocol),
             check_order: scene.protocol.check_order != Some(false),
             conductivity_s: scene.skin.conductivity_s,
             weave: None,
@@ -271,7 +275,7 @@ impl Skin {
         let settings = self.instrument.as_ref().ok_or_else(|| {
             SkinError::input("has no [instrument]: nothing to open").within(&self.place)
         })?;
-        let built = settings.build(&self.protocol, self.current_a, &self.place);
+        let built = settings.build(&self.protocol, &self.layout, self.current_a, &self.place);
         built.map_err(|e| e.within(&self.place))
     }
 

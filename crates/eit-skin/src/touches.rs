@@ -86,6 +86,12 @@ impl Touches {
         valid.map(|row| row.touch.id).collect::<std::collections::BTreeSet<_>>().len()
     }
 
+    /// Returns the number of listed touches that were valid in no frame.
+    pub fn never_valid(&self) -> usize {
+        let all = self.rows.iter().map(|row| row.touch.id);
+        all.collect::<std::collections::BTreeSet<_>>().len() - self.count()
+    }
+
     /// Returns the largest number of simultaneous touches.
     pub fn most(&self) -> usize {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);

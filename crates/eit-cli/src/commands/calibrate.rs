@@ -20,9 +20,15 @@ pub(super) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     // frames given on the command line are all of the untouched skin
     let mean = || (!args.frames.is_empty()).then(|| "mean".to_owned());
     let reference = args.reference.clone().or_else(mean).map(Reference::Text);
-    let frames =
+    let mut frames =
         progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
     let mut notes = frames.notes.clone();
+    let model = skin.model.forward(&skin.background_s())?;
+    if frames.with_signs_of(&model.to_vec()) {
+        notes.push(
+            "the values are magnitudes: they have the signs of the model's voltages".to_owned(),
+        );
+    }
     let weave = progress.stage("weave", || skin.find_weave(&frames.reference, &frames.used))?;
     let skin = match &weave {
         Some(found) => {

@@ -127,3 +127,62 @@ fn options_stand_beside_the_scene() {
     let said = stderr(&simulate(""));
     assert!(said.contains("eit.toml: not a file of at most"), "{said}");
 }
+
+/// A board that measures each electrode against the sink: refused with what to set, and right once that is set, with frames in
+/// rows or one value per line.
+#[test]
+fn potentials_are_recognised_by_what_they_are() {
+    let folder = Folder::new();
+    let electrodes = "[electrodes]\ncount = 16\nwidth_m = 0.008\ncontact_impedance_ohm_m = 0.5\n";
+    let skin = "[skin]\nshape = \"disc\"\nradius_m = 0.1\nconductivity_s = 1e-3\n";
+    // driven across the skin, to and fro
+    let undriven = |a: usize| (0..16).filter(move |m| ![a, (a + 8) % 16].contains(m));
+    let quadruple = |a: usize, m: usize| format!("{a},{},{m},{}\n", (a + 8) % 16, (a + 8) % 16);
+    let all = (0..16).flat_map(|a| undriven(a).map(move |m| quadruple(a, m)));
+    folder.write("q.csv", &all.collect::<String>());
+    let truth = format!(
+        "{skin}{electrodes}[protocol]\nquadruples_file = \"q.csv\"\ncurrent_a = 1e-3\n[mesh]\nnodes = 6000\n"
+    );
+    let (truth, out) = (folder.write("truth.toml", &truth), folder.path("v.csv"));
+    succeed(format!("forward {truth} --out {out}"));
+    let mut voltages = read_text(&out)
+        .split([',', '\n'])
+        .filter_map(|v| v.parse().ok())
+        .collect::<Vec<f64>>()
+        .into_iter();
+    let frame: Vec<f64> = (0..256)
+        .map(|k| if undriven(k / 16).any(|m| m == k % 16) { voltages.next().unwrap() } else { 0.0 })
+        .collect();
+    assert_eq!(voltages.next(), None);
+    let scaled =
+        |k: usize| frame.iter().map(move |v| (v * (1.0 + 1e-4 * (k % 3) as f64)).to_string());
+    let rows: Vec<String> = (0..12).map(|k| scaled(k).collect::<Vec<_>>().join(",")).collect();
+    let lines: Vec<String> = (0..12).flat_map(scaled).collect();
+    for (name, text) in [("rows.csv", rows.join("\n")), ("lines.txt", lines.join("\n"))] {
+        folder.write(name, &text);
+        let scene = |protocol: &str| {
+            format!(
+                "{skin}{electrodes}[protocol]\n{protocol}\ncurrent_a = 1e-3\n[recording]\nfile = \"{name}\"\nreference = \"0..6\"\n"
+            )
+        };
+        let out = folder.path("out");
+        let read = |protocol: &str| {
+            let scene = folder.write("scene.toml", &scene(protocol));
+            eit(format!("reconstruct {scene} --out {out}"))
+        };
+        let said = stderr(&read("drive = \"adjacent\""));
+        let (_, keys) = said.split_once("set [protocol] ").unwrap_or_else(|| panic!("{said}"));
+        let (keys, _) = keys.split_once(" (").unwrap();
+        assert!(
+            keys.starts_with("pairs = [[0, 8], [1, 9], ") && keys.contains("[8, 0], "),
+            "{said}"
+        );
+        let keys = keys.replace(", measure", "\nmeasure").replace(", driven", "\ndriven");
+        let output = read(&keys);
+        let all = format!("{}{}", stdout(&output), stderr(&output));
+        let found = all.split_once("with correlation ").and_then(|(_, rest)| rest.split_once(','));
+        // another mesh
+        let is_explained = found.is_some_and(|(found, _)| found.parse::<f64>().unwrap() > 0.99);
+        assert!(output.status.success() && is_explained, "{all}");
+    }
+}

@@ -5,6 +5,7 @@
 
 use crate::common::emulated::{Board, converse};
 use crate::common::{Folder, exists, parse, read_text, refuse, succeed};
+use eit_fem::{DrivenElectrodes, ForwardModel, Protocol};
 use eit_skin::first_scene::{FirstScene, Outline};
 use eit_skin::scene::{ChangeSign, Direction, Position, Scene};
 use eit_skin::{Progress, Skin};
@@ -65,6 +66,13 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
 fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
     let skin = Skin::from_scene(scene(truth, wiring)).unwrap();
     let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
+    let mut quadruples = skin.protocol.quadruples().unwrap().to_vec();
+    if truth.ground.is_some() {
+        quadruples = against_sink(&quadruples, truth.electrodes as u32);
+    }
+    let protocol = Protocol::from_quadruples(truth.electrodes, &quadruples, skin.current_a);
+    let contacts = &skin.contact_impedance;
+    let model = ForwardModel::new(&skin.mesh, &protocol.unwrap(), contacts).unwrap();
     let voltages = |place: Option<&[f64; 2]>| {
         let mut conductivity_s = skin.background_s();
         for (value, [cx, cy, _]) in conductivity_s.iter_mut().zip(skin.mesh.surface().centroids()) {
@@ -73,12 +81,23 @@ fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64)
                 *value *= times.powf((-square / RADIUS_M.powi(2)).exp());
             }
         }
-        skin.model.forward(&conductivity_s).unwrap().to_vec()
+        model.forward(&conductivity_s).unwrap().to_vec()
     };
     let untouched = voltages(None);
     let largest = untouched.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let all = std::iter::once(untouched).chain(places_m.iter().map(|place| voltages(Some(place))));
-    all.map(|frame| frame.iter().map(|value| value / largest * 30_000.0).collect()).collect()
+    // differences of potentials are formed of larger values, and need a finer converter
+    let most = if truth.ground.is_some() { 8e6 } else { 30_000.0 };
+    all.map(|frame| frame.iter().map(|value| value / largest * most).collect()).collect()
+}
+
+/// Potentials of undriven electrodes against the sink, for the drives of these measurements.
+fn against_sink(quadruples: &[[u32; 4]], electrodes: u32) -> Vec<[u32; 4]> {
+    let drives = quadruples.chunk_by(|p, q| p[..2] == q[..2]).map(|of| [of[0][0], of[0][1]]);
+    let of_drive = |[a, b]: [u32; 2]| {
+        (0..electrodes).filter(move |e| ![a, b].contains(e)).map(move |e| [a, b, e, b])
+    };
+    drives.flat_map(of_drive).collect()
 }
 
 /// Runs `eit init` on the board and presses when asked; returns scene file, stdout and stderr.
@@ -128,6 +147,15 @@ fn a_disc_that_is_wired_clockwise() {
     truth.first_angle_deg = 135.0;
     truth.direction = Direction::Clockwise;
     truth.protocol.order = eit_fem::Order::Ascending;
+    check(&truth, 1.5, "--radius-mm 100 --electrodes 16");
+}
+
+/// A board that prints the potential of each undriven electrode against the sink: pairs are formed from them, here and in the scene.
+#[test]
+fn a_board_that_measures_against_the_sink() {
+    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
+    truth.first_angle_deg = 45.0;
+    truth.ground = Some(DrivenElectrodes::Drop);
     check(&truth, 1.5, "--radius-mm 100 --electrodes 16");
 }
 

@@ -201,7 +201,7 @@ impl Driver for Sciospec {
         Ok(Setup {
             identity,
             value_count: drives.len() * electrodes,
-            layout: Layout::Potentials { drives, electrodes },
+            layout: Layout::Potentials { drives, electrodes, driven: true },
             complex: true,
             unit: Unit::Volt,
             frame_rate_hz: Some(f64::from(self.settings.frame_rate_hz)),

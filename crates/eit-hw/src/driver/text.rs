@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use super::decoded::{Decoded, RawFrame};
 use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
-use crate::codec::text::{Decoder, Event, Fault};
+use crate::codec::text::{Decoder, Event, Fault, Framing};
 use crate::error::HwError;
 use crate::readers::csv::Pairs;
 use crate::recording::Note;
@@ -100,9 +100,13 @@ impl Text {
         let lines = format.lines_per_frame.max(1);
         let step = if format.complex { 2 } else { 1 };
         let is_twice = found == 2 * format.values_per_line;
-        let hint = match is_twice && has_decimal_commas(&link.recorded_input()) {
-            true => CountHint::DecimalComma,
-            false => CountHint::of(found * lines / step, 1, wanted, None),
+        let is_part = format.framing == Framing::Lines && found > 0 && found < wanted;
+        let hint = if is_twice && has_decimal_commas(&link.recorded_input()) {
+            CountHint::DecimalComma
+        } else if is_part && wanted.is_multiple_of(found) {
+            CountHint::PartOfFrame
+        } else {
+            CountHint::of(found * lines / step, 1, wanted, None)
         };
         Err(HwError::LineCount {
             endpoint: link.endpoint().to_string(),

@@ -10,6 +10,7 @@ use std::path::Path;
 
 use crate::codec::text::{Decoder, Event, Fault, TextFormat};
 use crate::error::{At, HwError};
+use crate::frame::Quality;
 use crate::recording::{Contents, Format, Layout, Recording, SkipReason, Skipped, Unit};
 
 /// Number of columns that the computer adds before those of the board.
@@ -33,7 +34,7 @@ pub(super) fn is_log(bytes: &[u8]) -> bool {
 /// [`HwError::NoFrames`] if there is no complete frame.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let format = TextFormat::black_sensor();
-    let count = format.measurements();
+    let (count, full_scale) = (format.measurements(), format.saturated_from);
     let mut decoder = Decoder::new(format)?;
     // the file starts at the start of a line
     decoder.reset(true);
@@ -52,6 +53,11 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
             Event::Skipped(fault) => skipped.add(1, At::Line(line), reason(fault)),
             Event::Line(_) => {}
         });
+    }
+    // counts beyond the largest of 16 bits are those of a wider converter, whose largest is not known
+    let is_wider = values.iter().any(|count| Some(*count) > full_scale);
+    if is_wider {
+        qualities.fill(Quality::GOOD);
     }
     let contents = Contents {
         real: values,
@@ -95,7 +101,6 @@ fn reason(fault: Fault) -> SkipReason {
 #[allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 mod tests {
     use super::*;
-    use crate::frame::Quality;
 
     /// Returns 16 rows as the logs have them: the board's time first, a comma at the end.
     fn block(counts: impl Fn(usize, usize) -> u32) -> String {
@@ -125,6 +130,10 @@ mod tests {
         let recording = parse(text.as_bytes(), Path::new("log.csv")).unwrap();
         assert_eq!((recording.real.dim(), recording.skipped.frames), ((2, 256), 1));
         let quality = recording.quality.unwrap();
+        // of another converter no count is the largest
+        let wide = |row, column| if row == 3 { 65_535 + column as u32 } else { sound(row, column) };
+        let text = [head, mark, &block(wide)].concat();
+        assert_eq!(parse(text.as_bytes(), Path::new("log.csv")).unwrap().quality, None);
         for (frame, counts) in [&sound as &dyn Fn(usize, usize) -> u32, &railed].iter().enumerate()
         {
             for index in 0..256 {

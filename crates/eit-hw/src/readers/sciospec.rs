@@ -148,7 +148,7 @@ impl Frames {
         };
         let values = drives.len() * electrodes;
         let repeated = repeated(&drives);
-        let layout = Layout::Potentials { drives, electrodes };
+        let layout = Layout::Potentials { drives, electrodes, driven: true };
         let contents = Contents {
             real: self.real,
             imaginary: Some(self.imaginary),

@@ -126,12 +126,41 @@ impl Recording {
         self
     }
 
-    /// Arranges a table for `count` measurements: leaves out a first column of frame numbers or times, if there is one more; joins its
-    /// lines to frames if each holds one value, or those of one drive of the protocol; and turns a matrix whose lines are drives. A
-    /// note says so.
+    /// Arranges a table that names no electrodes as `expected`, that of `count` measurements in the protocol's order, or that of
+    /// potentials, with or without those of driven electrodes: leaves out a first column of frame numbers or times, if there is one
+    /// more; joins its lines to frames if each holds one value, or those of one drive of the protocol; and turns a matrix whose lines
+    /// are drives. A note says so.
     #[must_use]
-    pub fn arranged_for(mut self, quadruples: Option<&[Quadruple]>, count: usize) -> Self {
+    pub fn arranged_for(
+        self,
+        expected: &Layout,
+        quadruples: Option<&[Quadruple]>,
+        count: usize,
+    ) -> Self {
         if self.layout != Layout::ProtocolOrder || self.imaginary.is_some() || count == 0 {
+            return self;
+        }
+        let drives = expected.drives(quadruples);
+        let Layout::Potentials { drives: pairs, electrodes, driven } = expected else {
+            return self.of_drives(drives, count);
+        };
+        let mut arranged = self;
+        for driven in [*driven, !*driven] {
+            let (drives, electrodes) = (pairs.clone(), *electrodes);
+            let layout = Layout::Potentials { drives, electrodes, driven };
+            let count = layout.value_count().unwrap_or_default();
+            arranged = arranged.of_drives(pairs.len().max(1), count);
+            if arranged.value_count() == count {
+                arranged.layout = layout;
+                break;
+            }
+        }
+        arranged
+    }
+
+    /// Arranges a table as frames of `count` values of this many drives, if it fits.
+    fn of_drives(mut self, drives: usize, count: usize) -> Self {
+        if count == 0 {
             return self;
         }
         if self.has_counter && self.value_count() == count + 1 {
@@ -140,8 +169,6 @@ impl Recording {
             self.quality = self.quality.map(|quality| quality.select(Axis(1), &others));
             self.notes.push(Note::Counter);
         }
-        let same = |one: &Quadruple, other: &Quadruple| one[..2] == other[..2];
-        let drives = quadruples.map_or(1, |all| all.chunk_by(same).count()).max(1);
         let of_drive = count / drives;
         let (rows, columns) = self.real.dim();
         let is_line = columns == 1 || (drives * columns == count && drives > 1);

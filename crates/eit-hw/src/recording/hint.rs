@@ -33,6 +33,8 @@ pub enum CountHint {
     ReciprocalOnly,
     /// One value more: a column of times or of frame numbers beside the measurements.
     OneMore,
+    /// Lines that together may be a frame, with nothing that tells which is the first.
+    PartOfFrame,
     /// The count of adjacent drive and measurement, n (n - 3).
     Adjacent {
         /// Number of electrodes n.
@@ -134,6 +136,9 @@ impl fmt::Display for CountHint {
             Self::OneMore => f.write_str(
                 "this is one value more than measurements, as with a column of times or frame numbers: remove \
                  that column, and state the rate of recorded frames as `[recording] frame_rate_hz`",
+            ),
+            Self::PartOfFrame => f.write_str(
+                "lines that are parts of a frame need an empty line, or a pause of 40 ms, between frames",
             ),
             Self::Adjacent { electrodes } => write!(
                 f,

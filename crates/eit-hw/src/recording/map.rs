@@ -16,7 +16,7 @@ use crate::frame::{Frame, Quadruple, Quality, check_lengths, unsigned};
 /// ```
 /// use eit_hw::{Frame, FrameMap, Layout, Quality};
 /// // potentials of three electrodes, current from 0 to 1
-/// let layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+/// let layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3, driven: true };
 /// let wanted = [[0, 1, 0, 2], [1, 0, 0, 2]];
 /// let map = FrameMap::new(&layout, 3, Some(&wanted), 2, "tank")?;
 /// let mut frame = Frame::new(0, Vec::new());
@@ -98,8 +98,8 @@ impl FrameMap {
                 });
             }
             Layout::Quadruples(recorded) => by_quadruple(recorded, needed()?, source)?,
-            Layout::Potentials { drives, electrodes } => {
-                by_potential(drives, *electrodes, needed()?, source)?
+            Layout::Potentials { drives, electrodes, driven } => {
+                by_potential(drives, [*electrodes, usize::from(!driven) * 2], needed()?, source)?
             }
         };
         Ok(Self { picks, value_count, source: source.to_path_buf() })
@@ -207,9 +207,10 @@ fn by_quadruple(
         .collect()
 }
 
+/// `left_out`: number of electrodes of a drive without a potential: 0, or the 2 that are driven.
 fn by_potential(
     drives: &[[u32; 2]],
-    electrodes: usize,
+    [electrodes, left_out]: [usize; 2],
     wanted: &[Quadruple],
     source: &Path,
 ) -> Result<Vec<Pick>, HwError> {
@@ -241,8 +242,20 @@ fn by_potential(
                     return Err(HwError::MissingDrive { place, a, b, first_a, first_b });
                 }
             };
-            let first = number * electrodes;
-            Ok(Pick { plus: first + m, minus: Some(first + n), sign })
+            let at = |electrode: usize| {
+                let is_lower = |driven: &&u32| (**driven as usize) < electrode;
+                let before = drives[number][..left_out].iter().filter(is_lower).count();
+                number * (electrodes - left_out) + electrode - before
+            };
+            let driven = &drives[number][..left_out];
+            if driven.iter().any(|&e| [m, n].contains(&(e as usize))) {
+                let place = Place::file(source);
+                return Err(HwError::MissingMeasurement {
+                    place,
+                    quadruple: [a, b, m as u32, n as u32],
+                });
+            }
+            Ok(Pick { plus: at(m), minus: Some(at(n)), sign })
         })
         .collect()
 }

@@ -57,7 +57,7 @@ fn csv_layouts_that_are_read() {
     };
     let wide = ",9,8,7,6,5,4,3";
     let of = |first: &dyn Fn(i32) -> i32, count| {
-        csv_of(rows(first, wide)).unwrap().arranged_for(None, count)
+        csv_of(rows(first, wide)).unwrap().arranged_for(&eit_hw::Layout::ProtocolOrder, None, count)
     };
     let counted = of(&|k| 7 + 3 * k, 7);
     assert_eq!((counted.value_count(), &counted.notes[..]), (7, &[Note::Counter][..]));

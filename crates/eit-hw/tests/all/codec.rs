@@ -330,6 +330,43 @@ fn text_flags_and_faults() {
     assert_eq!(events[1], "Skipped(TooLong)");
 }
 
+/// A frame of several lines begins after an empty line or a pause, and is one once the next has come; whole lines stay frames.
+#[test]
+fn frames_of_several_lines_are_between_pauses() {
+    let format = || text::TextFormat { values_per_line: 4, ..text::TextFormat::default() };
+    let read = |pieces: &[&str]| {
+        let (mut decoder, mut found) = (text::Decoder::new(format()).unwrap(), Vec::new());
+        for piece in pieces {
+            decoder.push(piece.as_bytes(), &mut |event| {
+                found.push(match event {
+                    text::Event::Frame { values, .. } => format!("{values:?}"),
+                    text::Event::Skipped(text::Fault::Values { found, .. }) => format!("{found}"),
+                    other => format!("{other:?}"),
+                });
+            });
+        }
+        found.join(" ")
+    };
+    let whole = "[1.0, 2.0, 3.0, 4.0]";
+    // the pieces begin in the middle of a line
+    for (pieces, wanted) in [
+        (&["9\n\n1,2\n3,4\n\n1\n2\n3\n4\n\n"][..], format!("{whole} {whole}")),
+        (&["9\r\n\r\n1,2\r\n3,4\r\n\r\n"], whole.to_owned()),
+        (&["9\n", "", "1,2\n3,4\n", "", "1,2\n3,4\n", ""], format!("{whole} {whole}")),
+        // an end is missing, so is a part
+        (&["9\n", "", "1,2\n3,4\n1,2\n", "", "1,2\n", ""], "2 2".to_owned()),
+        // nothing says which is the first; carriage returns are no empty lines
+        (&["9\r\n1,2\r\n3,4\r\n"], "2 2".to_owned()),
+        // lines that are frames, one cut short between them
+        (&["9\n", "", "1,2\n1,2,3,4\n", "", "1,2,3,4\n"], format!("2 {whole} {whole}")),
+        // a pause within a line
+        (&["9\n1,2,", "", "3,4\n"], whole.to_owned()),
+    ] {
+        let found = read(pieces).replace("Skipped(TruncatedStart)", "");
+        assert_eq!(found.trim(), wanted, "{pieces:?}");
+    }
+}
+
 #[test]
 fn text_formats_that_cannot_be_are_refused() {
     let good = TextFormat::csv(4);

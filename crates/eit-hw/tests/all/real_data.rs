@@ -131,7 +131,9 @@ fn sciospec_255_frames_at_20_a_second() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
     let recording = recognised(&folder);
     assert_eq!((recording.frequency_hz, recording.current_a), (Some(10e3), Some(5e-3)));
-    let Layout::Potentials { drives, electrodes: 16 } = &recording.layout else { panic!() };
+    let Layout::Potentials { drives, electrodes: 16, driven: true } = &recording.layout else {
+        panic!()
+    };
     assert_eq!(drives[15], [15, 0]);
 
     let frames = real_frames(&recording, &rotated(16));

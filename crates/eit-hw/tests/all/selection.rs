@@ -47,20 +47,31 @@ fn tables_are_compared_with_the_shape_of_the_protocol() {
     };
     let frame = |k: usize| -> Vec<f64> { (0..count).map(|i| (k * count + i + 5) as f64).collect() };
     for (columns, rows, joined) in [(3, 12, 6), (1, 36, 18)] {
-        let read = csv(&lines(columns, rows)).unwrap().arranged_for(Some(&quadruples), count);
+        let read = csv(&lines(columns, rows)).unwrap().arranged_for(
+            &Layout::ProtocolOrder,
+            Some(&quadruples),
+            count,
+        );
         let frames = read.frames_for(Some(&quadruples), count, Component::Real).unwrap();
         assert_eq!(frames.values.row(1).to_vec(), frame(1));
         assert!(read.notes.contains(&Note::Joined { lines: joined }), "{:?}", read.notes);
     }
     for (columns, rows) in [(2, 18), (9, 2), (3, 18), (6, 3)] {
-        let read = csv(&lines(columns, rows)).unwrap().arranged_for(Some(&quadruples), count);
+        let read = csv(&lines(columns, rows)).unwrap().arranged_for(
+            &Layout::ProtocolOrder,
+            Some(&quadruples),
+            count,
+        );
         assert_eq!(read.real.dim(), (rows, columns));
     }
-    assert_eq!(csv("1\n2\n").unwrap().arranged_for(None, 0).real.dim(), (2, 1));
+    assert_eq!(
+        csv("1\n2\n").unwrap().arranged_for(&Layout::ProtocolOrder, None, 0).real.dim(),
+        (2, 1)
+    );
     let matrix = |columns, rows| {
         let options = table(FrameOrientation::Matrix, false);
         let read = parse(Format::Csv, &lines(columns, rows), &options).unwrap();
-        read.arranged_for(Some(&quadruples), count)
+        read.arranged_for(&Layout::ProtocolOrder, Some(&quadruples), count)
     };
     let turned = matrix(3, 6);
     assert_eq!(
@@ -123,7 +134,7 @@ fn quadruples_are_found_with_their_sign() {
 #[test]
 fn potentials_are_subtracted() {
     let mut recording = complex();
-    recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3, driven: true };
     flag(&mut recording, [0, 2], Quality::OPEN);
     let wanted = [[0, 1, 0, 2], [1, 0, 0, 2], [0, 1, 2, 0], [0, 1, 0, 1]];
     let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
@@ -152,7 +163,8 @@ fn fields_that_do_not_fit_are_refused() {
     refused(|recording| recording.device_time_s = Some(vec![0.0]));
     refused(|recording| recording.layout = Layout::Quadruples(Vec::new()));
     refused(|recording| {
-        recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: usize::MAX };
+        recording.layout =
+            Layout::Potentials { drives: vec![[0, 1]], electrodes: usize::MAX, driven: true };
     });
 }
 
@@ -321,7 +333,7 @@ fn frames_one_by_one_are_those_of_the_recording() {
     let mut recording = complex();
     flag(&mut recording, [0, 2], Quality::OPEN);
     let quadruples = [[1, 0, 0, 2], [0, 1, 2, 1]];
-    let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3, driven: true };
     let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
     for (layout, quadruples, count) in [
         (Layout::ProtocolOrder, None, 3),
@@ -508,4 +520,38 @@ fn verdicts() {
         recognise_order(&frame, &scene, &alternatives[1..2]),
         OrderVerdict::Unclear { ours: Some(_), best: None }
     ));
+}
+
+/// Potentials against the sink, with zeros where current flows or without these, in rows, one per line, or by drives: pairs are
+/// formed from them.
+#[test]
+fn pairs_are_formed_from_potentials_against_the_sink() {
+    let drives = vec![[0, 1], [3, 2], [1, 4]];
+    let potential = |drive: usize, e: u32| f64::from((7 * e * e + 3 * e + 1) * (drive as u32 + 2));
+    let wanted = [[0, 1, 2, 3], [0, 1, 3, 4], [2, 3, 4, 0], [1, 4, 2, 3]];
+    let of = |drive, m, n| potential(drive, m) - potential(drive, n);
+    let pairs = [of(0, 2, 3), of(0, 3, 4), -of(1, 4, 0), of(2, 2, 3)];
+    let expected = |driven| Layout::Potentials { drives: drives.clone(), electrodes: 5, driven };
+    for (driven, columns) in [(true, 15), (true, 5), (true, 1), (false, 9), (false, 3), (false, 1)]
+    {
+        let values = |drive: usize| {
+            let driven_pair = drives[drive];
+            (0..5)
+                .filter(move |e| driven || !driven_pair.contains(e))
+                .map(move |e| if driven_pair.contains(&e) { 0.0 } else { potential(drive, e) })
+        };
+        // two frames; those of the file decide, whatever the scene says
+        let all: Vec<String> =
+            (0..6).flat_map(|k| values(k % 3)).map(|value| value.to_string()).collect();
+        let lines: Vec<String> = all.chunks(columns).map(|line| line.join(",")).collect();
+        let read = csv(&lines.join("\n")).unwrap();
+        let read = read.arranged_for(&expected(!driven), Some(&wanted), wanted.len());
+        assert_eq!(read.layout, expected(driven), "{columns}");
+        let frames = read.frames_for(Some(&wanted), wanted.len(), Component::Real).unwrap();
+        assert_eq!(frames.values.dim(), (2, 4));
+        assert_eq!(frames.values.row(1).to_vec(), pairs, "{columns}");
+    }
+    // a pair with a driven electrode, of which there is no potential
+    let map = FrameMap::new(&expected(false), 9, Some(&[[0, 1, 1, 2]]), 1, "board");
+    assert!(matches!(map, Err(HwError::MissingMeasurement { quadruple: [0, 1, 1, 2], .. })));
 }

@@ -14,12 +14,17 @@ use std::io::Write;
 pub(crate) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,nx,ny,nz,vx_m_s,vy_m_s,vz_m_s,\
      intensity_s_m2,intensity_std_s_m2,confidence,valid,whole,age_s,force_n,force_std_n,unlike,split_from,merged_into,skin";
 
-/// Writes one row per touch and frame.
+/// Writes one row per touch and frame; frame `first` of the file is the first that was searched.
 ///
 /// # Errors
 ///
 /// A writer that fails.
-pub(crate) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), ReportError> {
+pub(crate) fn write_csv(
+    touches: &Touches,
+    first: usize,
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
+    let first_s = first as f64 / touches.rate_hz;
     writeln!(out, "{HEADER}").map_err(io)?;
     touches.rows.iter().try_for_each(|row| {
         let is_in = |frames: &[usize]| frames.binary_search(&row.frame).is_ok();
@@ -28,7 +33,7 @@ pub(crate) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), Re
             (false, true) => SkinState::NotExplained,
             (false, false) => SkinState::Sound,
         };
-        write_row(row.frame as u64, row.time_s, &row.touch, state, out)
+        write_row((first + row.frame) as u64, first_s + row.time_s, &row.touch, state, out)
     })
 }
 
@@ -89,6 +94,7 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
             "frames": touches.frames,
             "frames_with_touch": touches.frames_with_touch(),
             "count": touches.count(),
+            "never_valid": touches.never_valid(),
             "most_at_once": touches.most(),
             "rows": touches.rows.len(),
             "not_explained_frames": touches.not_explained,
@@ -100,14 +106,23 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
     })
 }
 
+/// Touches that are listed and do not count.
+pub(crate) fn never_valid(count: usize) -> String {
+    match count {
+        0 => String::new(),
+        count => format!(" ({count} more in touches.csv were never valid)"),
+    }
+}
+
 /// Returns the summary line for the text.
 pub(super) fn line(touches: Option<&Touches>) -> String {
     let Some(touches) = touches else {
         return "touches are not detected: the noise is unknown ([noise])".to_owned();
     };
     let mut text = format!(
-        "{}, at most {} at once, in {} of {} frames",
+        "{}{}, at most {} at once, in {} of {} frames",
         counted(touches.count(), "touch", "touches"),
+        never_valid(touches.never_valid()),
         touches.most(),
         touches.frames_with_touch(),
         touches.frames

@@ -2,9 +2,10 @@
 
 use super::transfer::{PairMatrix, Placing, Transfer};
 use super::{FirstScene, Outline};
+use crate::arrangement::arrangements;
 use crate::error::SkinError;
 use crate::skin::Skin;
-use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
+use eit_fem::{DrivenElectrodes, PairProtocol};
 use eit_hw::{model_correlation, reciprocity_error};
 use std::cmp::Ordering;
 
@@ -27,8 +28,12 @@ pub(super) const SWAP_LEAD: f64 = 0.03;
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct FittingProtocol {
-    /// Protocol of the instrument that fits the recording.
+    /// Protocol of the instrument that fits the recording; with potentials, of the pairs formed from them.
     pub protocol: PairProtocol,
+    /// Where the values are potentials against a common electrode: whether those of driven electrodes are among them.
+    pub ground: Option<DrivenElectrodes>,
+    /// The frame in the protocol's order.
+    pub values: Vec<f64>,
     /// Reciprocity error of the frame in its order ([`reciprocity_error`]); `None` if it has no reciprocal
     /// pairs.
     pub reciprocity: Option<f64>,
@@ -69,8 +74,8 @@ impl FittingProtocol {
 /// contradict come first, sorted by their correlation with the model; of those that are as good as the best, the most usual one is
 /// first.
 ///
-/// Tries adjacent, skip-N and opposite drive, measured on adjacent pairs or on pairs like the driven ones,
-/// with and without current-carrying electrodes, in both orders, for `electrodes` electrodes or, if `None`,
+/// Tries adjacent, skip-N and opposite drive, measured on adjacent pairs, on pairs like the driven ones or against a common
+/// electrode, with and without current-carrying electrodes, in both orders, for `electrodes` electrodes or, if `None`,
 /// all numbers from 4 to 64. `frame` is the mean of frames of the untouched skin, in any unit; magnitudes
 /// suffice.
 ///
@@ -88,16 +93,27 @@ pub fn fitting_protocols(
     let counts = electrodes.map_or(4..=MOST_ELECTRODES, |count| count..=count);
     let mut fitting = Vec::new();
     for count in counts {
-        let candidates = candidates(count, frame.len());
-        if candidates.is_empty() {
+        let arrangements = arrangements(count, frame.len(), None);
+        if arrangements.is_empty() {
             continue;
         }
         let model = Untouched::new(outline, count)?;
-        for (protocol, quadruples) in candidates {
-            let reciprocity = reciprocity_error(&quadruples, frame);
-            let (correlation, swapped) = model.correlation(&quadruples, frame);
-            let off = reciprocity.and_then(|error| off_place(&quadruples, frame, error));
-            fitting.push(FittingProtocol { protocol, reciprocity, correlation, swapped, off });
+        for arrangement in arrangements {
+            let (quadruples, values) = (&arrangement.quadruples, arrangement.values(frame));
+            let reciprocity = reciprocity_error(quadruples, &values);
+            let (correlation, swapped) = model.correlation(quadruples, &values);
+            let off = reciprocity.and_then(|error| off_place(quadruples, &values, error));
+            let (protocol, ground) = (arrangement.protocol, arrangement.ground);
+            let fit = FittingProtocol {
+                protocol,
+                ground,
+                values,
+                reciprocity,
+                correlation,
+                swapped,
+                off,
+            };
+            fitting.push(fit);
         }
     }
     let order = |fit: &FittingProtocol| (fit.violates_reciprocity(), -fit.rank());
@@ -110,6 +126,11 @@ pub fn fitting_protocols(
     let usual = fitting.iter().position(is_as_good).map(|at| fitting.remove(at));
     fitting.sort_by(|one, other| order(one).partial_cmp(&order(other)).unwrap_or(Ordering::Equal));
     Ok(usual.into_iter().chain(fitting).collect())
+}
+
+/// Whether a pair protocol of this many electrodes has as many values, or potentials.
+pub fn is_frame(values: usize, electrodes: usize) -> bool {
+    !arrangements(electrodes, values, None).is_empty()
 }
 
 /// Finds a place in the measurements of every drive without which the frame is reciprocal.
@@ -132,41 +153,6 @@ fn off_place(quadruples: &[[u32; 4]], frame: &[f64], error: f64) -> Option<OffPl
     found
         .into_iter()
         .find(|off| off.reciprocity <= WRONG_ORDER_ERROR && MUCH * off.reciprocity < error)
-}
-
-/// Protocols with this number of electrodes and values, each order once.
-fn candidates(electrodes: usize, values: usize) -> Vec<(PairProtocol, Vec<[u32; 4]>)> {
-    let mut drives = vec![PairPattern::Adjacent];
-    // skip-N beyond half of the electrodes equals skip-M from the other side; half is "opposite"
-    drives
-        .extend((1..).take_while(|between| 2 * (between + 1) < electrodes).map(PairPattern::Skip));
-    drives.extend(electrodes.is_multiple_of(2).then_some(PairPattern::Opposite));
-    let mut found: Vec<(PairProtocol, Vec<[u32; 4]>)> = Vec::new();
-    for drive in &drives {
-        for measure in [&PairPattern::Adjacent, drive] {
-            for driven_electrodes in [DrivenElectrodes::Drop, DrivenElectrodes::Keep] {
-                for order in [Order::Rotated, Order::Ascending] {
-                    let (drive, measure) = (drive.clone(), measure.clone());
-                    let current_a = PairProtocol::default().current_a;
-                    let protocol = PairProtocol {
-                        electrodes,
-                        drive,
-                        measure,
-                        driven_electrodes,
-                        order,
-                        current_a,
-                    };
-                    // for example four electrodes with opposite drive: nothing is left to measure
-                    let Ok(quadruples) = protocol.quadruples() else { continue };
-                    if quadruples.len() == values && found.iter().all(|known| known.1 != quadruples)
-                    {
-                        found.push((protocol, quadruples));
-                    }
-                }
-            }
-        }
-    }
-    found
 }
 
 /// The untouched skin, which any protocol can measure.
@@ -214,14 +200,14 @@ impl Untouched {
 }
 
 /// Whether a frame has values of both signs, beyond noise.
-pub(super) fn is_signed(frame: &[f64]) -> bool {
+pub(crate) fn is_signed(frame: &[f64]) -> bool {
     let [least, most] =
         frame.iter().fold([0.0_f64; 2], |[l, m], value| [l.min(*value), m.max(*value)]);
     -least > SIGNED * most && most > -SIGNED * least
 }
 
 /// Measurements without those on current-carrying electrodes, which contain the contact impedance.
-fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
+pub(crate) fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let on_driven = |[a, b, m, n]: &[u32; 4]| [m, n].iter().any(|e| *e == a || *e == b);
     quadruples.iter().zip(values).filter(|(q, _)| !on_driven(q)).map(|(_, value)| value).collect()
 }

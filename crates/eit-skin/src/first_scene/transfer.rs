@@ -15,7 +15,7 @@ use eit_fem::{ForwardModel, Protocol};
 use ndarray::{Array1, Array2};
 
 /// `G`, or its change, `[place, place]`; row and column 0 are zero.
-pub(super) struct PairMatrix(Array2<f64>);
+pub(crate) struct PairMatrix(Array2<f64>);
 
 impl PairMatrix {
     fn new(places: usize, pairs: &[f64]) -> Self {
@@ -41,7 +41,7 @@ fn pair(low: usize, high: usize) -> Option<usize> {
 }
 
 /// The untouched skin, and how it responds to presses.
-pub(super) struct Transfer {
+pub(crate) struct Transfer {
     places: usize,
     voltages: Vec<f64>,
     /// `[pair, element]`

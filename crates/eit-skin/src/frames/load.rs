@@ -3,7 +3,7 @@
 use crate::error::SkinError;
 use crate::skin::Skin;
 use eit_fem::Protocol;
-use eit_hw::{Layout, MeasuredFrames, Recording};
+use eit_hw::{HwError, Layout, MeasuredFrames, Recording};
 use ndarray::{Axis, concatenate};
 use std::path::{Path, PathBuf};
 
@@ -22,32 +22,74 @@ pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> 
     let mut parts = Vec::new();
     let mut notes = Vec::new();
     let (mut marked_reference, mut ordered_by_file) = (None, true);
+    let mut kinds = Vec::new();
     for file in files {
         let count = protocol.measurements();
         let recording = eit_hw::read_recording(file, format, &options)?;
-        let recording = recording.arranged_for(protocol.quadruples(), count);
-        let mut frames = recording.frames_for(protocol.quadruples(), count, keys.component)?;
+        let recording = recording.arranged_for(&skin.layout, protocol.quadruples(), count);
+        let frames = recording.frames_for(protocol.quadruples(), count, keys.component);
+        let mut frames = frames.map_err(|error| advised(error, skin, &recording))?;
         frames.to_volts(drive_current_a(protocol));
         keys.convert(&mut frames);
-        notes.extend(notes_of(&recording, file));
+        kinds.extend(notes_of(&recording, file));
         if parts.is_empty() {
             marked_reference = recording.reference_frame;
         }
         ordered_by_file &= !matches!(recording.layout, Layout::ProtocolOrder);
         parts.push(frames);
     }
+    while let Some((kind, note)) = kinds.first().cloned() {
+        let before = kinds.len();
+        kinds.retain(|other| other.0 != kind);
+        let others = before - kinds.len() - 1;
+        let more = if others > 0 {
+            format!(" ({others} more files have such a note)")
+        } else {
+            String::new()
+        };
+        notes.push(format!("{note}{more}"));
+    }
     let frames = joined(parts)?;
     Ok(Loaded { frames, marked_reference, ordered_by_file, notes })
 }
 
-/// Notes for the user about one file.
-fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
-    let name = name_of(file);
-    let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
-    if recording.skipped.frames > 0 {
-        notes.push(format!("{name}: {}", recording.skipped));
+/// Adds to the error of another number of values what explains them, by the model.
+#[cfg(feature = "first-scene")]
+fn advised(error: HwError, skin: &Skin, recording: &Recording) -> SkinError {
+    use eit_hw::CountHint;
+    let HwError::CountMismatch { place, found, frames, wanted, hint } = &error else {
+        return error.into();
+    };
+    let is_of_protocol = matches!(
+        hint,
+        CountHint::DrivenKept { .. } | CountHint::DrivenDropped { .. } | CountHint::Unknown
+    );
+    let judge = crate::arrangement::Judge::new(skin).filter(|_| is_of_protocol);
+    match judge.and_then(|judge| judge.advice(recording)) {
+        Some(advice) => SkinError::input(format!(
+            "{place}: {found} values per line in {frames} line(s), but the scene's protocol has {wanted} measurements a frame: \
+             {advice}"
+        )),
+        None => error.into(),
     }
-    notes
+}
+
+#[cfg(not(feature = "first-scene"))]
+fn advised(error: HwError, _: &Skin, _: &Recording) -> SkinError {
+    error.into()
+}
+
+/// Kind of a note about a file; `None` for frames that were skipped.
+type Kind = Option<std::mem::Discriminant<eit_hw::Note>>;
+
+/// Notes for the user about one file, with their kinds.
+fn notes_of(recording: &Recording, file: &Path) -> Vec<(Kind, String)> {
+    let name = name_of(file);
+    let kind = |note| Some(std::mem::discriminant(note));
+    let of_file = recording.notes.iter().map(|note| (kind(note), format!("{name}: {note}")));
+    let skipped = &recording.skipped;
+    let skipped = (skipped.frames > 0).then(|| (None, format!("{name}: {skipped}")));
+    of_file.chain(skipped).collect()
 }
 
 /// Concatenates the frames of several files; their clocks do not continue, so times are dropped.

@@ -24,7 +24,7 @@ use eit_hw::{MeasuredFrames, Quality};
 use eit_inverse::noise_std_of_quiet_frames;
 use ndarray::{Array2, Axis};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Frames that are ready for reconstruction.
 #[derive(Debug, Clone)]
@@ -62,6 +62,16 @@ impl Frames {
         (0..self.values.nrows()).filter(is_clean).collect()
     }
 
+    /// Gives a reference of magnitudes the signs of the model's voltages; returns whether it was one, and the model has both signs.
+    pub fn with_signs_of(&mut self, model_voltages: &[f64]) -> bool {
+        let is_other = are_magnitudes(&self.reference) && !are_magnitudes(model_voltages);
+        if is_other {
+            let both = self.reference.iter_mut().zip(model_voltages);
+            both.for_each(|(value, model)| *value = value.copysign(*model));
+        }
+        is_other
+    }
+
     /// Returns difference data [frame, measurement], zero where a value is not used: in volt, or relative to
     /// the reference.
     pub fn differences(&self, kind: DifferenceKind) -> Array2<f64> {
@@ -90,6 +100,18 @@ impl Skin {
         let loaded = read(self, &self.files(files)?)?;
         let found = reference::choose(self, &loaded, reference)?;
         assemble(self, loaded, found)
+    }
+
+    /// Checks whether the frames of a file are in the order of the protocol, by their reciprocity and levels; returns notes.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read; a wrong number or order of measurements.
+    pub fn check_order(&self, file: &Path) -> Result<Vec<String>, SkinError> {
+        let loaded = read(self, &[file.to_path_buf()])?;
+        let mut notes = Vec::new();
+        order::check(self, &loaded, &loaded.frames.mean_frame(), &mut notes)?;
+        Ok(notes)
     }
 
     /// Takes values [frame, measurement], volt, in protocol order, as if read from a recording.
@@ -191,6 +213,13 @@ fn assemble(
     let quiet = quiet::find(skin, &loaded.frames, &found, &used, &mut notes)?;
     let mut faults = leave_out_lost(skin, &reasons, &found.values, &mut used, &mut notes);
     faults.extend(leave_out_floating(skin, &found, quiet.as_ref(), &mut used, &mut notes)?);
+    if reasons.iter().all(|reason| *reason == Some(Unused::Driven)) {
+        return Err(SkinError::input(
+            "no measurement is usable: all are on current-carrying electrodes. If values are potentials against the sink, give \
+             [protocol] pairs and measure = \"ground\", which need no contact impedance; or set [reconstruction] \
+             use_driven_electrodes = true",
+        ));
+    }
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }

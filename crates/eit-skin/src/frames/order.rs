@@ -1,9 +1,9 @@
 //! Checks by reciprocity whether the data is in the scene's order; never reorders anything.
 
 use super::load::Loaded;
+use crate::arrangement::{Arrangement, arrangements};
 use crate::error::SkinError;
 use crate::skin::Skin;
-use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::OrderVerdict;
 
 /// Compares the order of the data with other orders; returns the reciprocity error in the scene's order.
@@ -16,69 +16,64 @@ pub(crate) fn check(
     let Some(quadruples) = skin.protocol.quadruples() else { return Ok(None) };
     let own = eit_hw::reciprocity_error(quadruples, mean);
     let (false, Some(pairs)) = (loaded.ordered_by_file, &skin.pairs) else { return Ok(own) };
-    let alternatives = alternatives(pairs, mean.len());
-    let named: Vec<(&str, Vec<[u32; 4]>)> =
-        alternatives.iter().map(|(name, q)| (name.as_str(), q.clone())).collect();
-    match eit_hw::recognise_order(mean, quadruples, &named) {
-        OrderVerdict::Other { better, ours } if skin.check_order => {
-            let best = &better[0];
-            Err(SkinError::input(format!(
-                "the data is not in the scene's order: reciprocity error {:.0} % in the scene's \
-                 order, {:.1} % with {}; set that, or [protocol] check_order = false to continue",
-                100.0 * ours,
-                100.0 * best.error,
-                best.setting
-            )))
-        }
-        OrderVerdict::Unclear { ours: Some(error), .. } => {
+    let others = arrangements(skin.mesh.electrodes().len(), mean.len(), Some(&pairs.drive));
+    let others = others.into_iter().filter(|other| other.ground.is_none());
+    let others: Vec<_> = others.filter_map(|other| Some((other.keys(pairs)?, other))).collect();
+    let named: Vec<_> =
+        others.iter().map(|(keys, other)| (keys.as_str(), other.quadruples.clone())).collect();
+    let better = match eit_hw::recognise_order(mean, quadruples, &named) {
+        OrderVerdict::Other { .. } if !skin.check_order => return Ok(own),
+        OrderVerdict::Other { better, .. } => better,
+        OrderVerdict::Unclear { .. } => Vec::new(),
+        OrderVerdict::Consistent { .. } => return Ok(own),
+    };
+    if let Some(advice) = of_zeros(skin, mean).filter(|_| skin.check_order) {
+        return Err(SkinError::input(format!(
+            "the values are not measurements of pairs: {advice}; or set [protocol] check_order = false to continue"
+        )));
+    }
+    let Some(ours) = own else { return Ok(own) };
+    let fits = |setting: &str| {
+        let other = others.iter().find(|(keys, _)| keys == setting);
+        other.is_some_and(|(_, other)| explains(skin, other, mean))
+    };
+    match better.iter().find(|other| fits(&other.setting)) {
+        Some(best) => Err(SkinError::input(format!(
+            "the data is not in the scene's order: reciprocity error {:.0} % in the scene's \
+             order, {:.1} % with {}; set that, or [protocol] check_order = false to continue",
+            100.0 * ours,
+            100.0 * best.error,
+            best.setting
+        ))),
+        None => {
             notes.push(format!(
                 "reciprocity error {:.0} %: the order of the data may be wrong, or an electrode off",
-                100.0 * error
+                100.0 * ours
             ));
             Ok(own)
         }
-        _ => Ok(own),
     }
 }
 
-/// Other pair protocols with as many measurements, named by the keys that select them.
-fn alternatives(scene: &PairProtocol, count: usize) -> Vec<(String, Vec<[u32; 4]>)> {
-    let drives = [
-        ("adjacent", PairPattern::Adjacent),
-        ("opposite", PairPattern::Opposite),
-        ("skip-1", PairPattern::Skip(1)),
-        ("skip-2", PairPattern::Skip(2)),
-        ("skip-3", PairPattern::Skip(3)),
-    ];
-    let mut found = Vec::new();
-    for (drive_name, drive) in &drives {
-        for (order_name, order) in [("rotated", Order::Rotated), ("ascending", Order::Ascending)] {
-            for (driven_name, driven) in
-                [("drop", DrivenElectrodes::Drop), ("keep", DrivenElectrodes::Keep)]
-            {
-                let other = PairProtocol {
-                    drive: drive.clone(),
-                    order,
-                    driven_electrodes: driven,
-                    ..scene.clone()
-                };
-                let mut keys = Vec::new();
-                if other.drive != scene.drive {
-                    keys.push(format!("drive = \"{drive_name}\""));
-                }
-                if other.order != scene.order {
-                    keys.push(format!("order = \"{order_name}\""));
-                }
-                if other.driven_electrodes != scene.driven_electrodes {
-                    keys.push(format!("driven_electrodes = \"{driven_name}\""));
-                }
-                if let (false, Ok(quadruples)) = (keys.is_empty(), other.quadruples())
-                    && quadruples.len() == count
-                {
-                    found.push((format!("[protocol] {}", keys.join(", ")), quadruples));
-                }
-            }
-        }
-    }
-    found
+/// Whether the untouched skin has such levels: reciprocity alone also holds for orders that are merely as symmetric.
+#[cfg(feature = "first-scene")]
+fn explains(skin: &Skin, other: &Arrangement, mean: &[f64]) -> bool {
+    let judge = crate::arrangement::Judge::new(skin);
+    judge.is_none_or(|judge| judge.correlation(other, mean) >= super::ALIKE)
+}
+
+/// What to set where zeros in the frame show that values are potentials.
+#[cfg(feature = "first-scene")]
+fn of_zeros(skin: &Skin, mean: &[f64]) -> Option<String> {
+    crate::arrangement::Judge::new(skin)?.of_zeros(mean)
+}
+
+#[cfg(not(feature = "first-scene"))]
+fn of_zeros(_: &Skin, _: &[f64]) -> Option<String> {
+    None
+}
+
+#[cfg(not(feature = "first-scene"))]
+fn explains(_: &Skin, _: &Arrangement, _: &[f64]) -> bool {
+    true
 }

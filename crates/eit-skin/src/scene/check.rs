@@ -2,6 +2,7 @@
 //!
 //! The crates that build shapes, electrodes and protocols check those.
 
+use super::ValueKind;
 use super::{
     Delta, ElementOrder, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
 };
@@ -253,6 +254,8 @@ impl Scene {
             let is_file = self.skin.shape == Shape::Mesh;
             match (key, key.split_once('.')) {
                 (MESH_FILE, _) => is_file,
+                (OTHER_VALUES, _) => self.recording.values != ValueKind::Voltage,
+                (GROUND, _) => self.protocol.measure.as_deref() == Some("ground"),
                 // such a file is used unchanged
                 (OWN_ELECTRODES, _) => is_file && self.electrodes.positions_m.is_none(),
                 (_, Some((section, key))) => {
@@ -308,12 +311,14 @@ const OWN_ELECTRODES: &str = "skin.shape = \"mesh\" without positions_m";
 const FREQUENCY: &str = "protocol.frequency_hz";
 const STIMULATION: &str = "protocol.stimulation_file";
 const QUADRUPLES: &str = "protocol.quadruples_file";
+const OTHER_VALUES: &str = "recording.values other than \"voltage\"";
+const GROUND: &str = "protocol.measure = \"ground\"";
 const POSITIONS: &str = "electrodes.positions_m";
 const FIRST_ANGLE: &str = "electrodes.first_angle_deg";
 const ACCURACY: &str = "mesh.required_accuracy";
 
 /// Keys that exclude each other.
-const EXCLUSIVE: [[&str; 2]; 26] = [
+const EXCLUSIVE: [[&str; 2]; 27] = [
     ["protocol.drive", "protocol.pairs"],
     ["protocol.drive", QUADRUPLES],
     ["protocol.drive", STIMULATION],
@@ -322,6 +327,8 @@ const EXCLUSIVE: [[&str; 2]; 26] = [
     [QUADRUPLES, STIMULATION],
     ["protocol.measure", QUADRUPLES],
     ["protocol.measure", STIMULATION],
+    // differences of other values than voltages mean nothing
+    [GROUND, OTHER_VALUES],
     [POSITIONS, FIRST_ANGLE],
     ["skin.radius_m", "skin.width_m"],
     ["skin.radius_m", "skin.outline"],

@@ -94,7 +94,14 @@ impl Scene {
     /// The same for an existing protocol.
     fn instrument_of(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
         self.instrument_settings()
-            .and_then(|settings| settings.build(protocol, self.current_a(), &self.place))
+            .and_then(|settings| {
+                settings.build(
+                    protocol,
+                    &self.frame_layout(protocol),
+                    self.current_a(),
+                    &self.place,
+                )
+            })
             .map_err(|e| e.within(&self.place))
     }
 
@@ -114,10 +121,11 @@ impl Scene {
 }
 
 impl InstrumentSettings {
-    /// The instrument for a protocol, checked.
+    /// The instrument for a protocol and the layout of frames that name no electrodes, checked.
     pub(crate) fn build(
         &self,
         protocol: &Protocol,
+        layout: &Layout,
         current_a: f64,
         place: &str,
     ) -> Result<Instrument, SkinError> {
@@ -130,7 +138,12 @@ impl InstrumentSettings {
             )
         })?;
         let frame_rate_hz = keys.frame_rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-        let kind = keys.kind(electrodes, &quadruples, current_a, frame_rate_hz)?;
+        let mut kind = keys.kind(electrodes, &quadruples, current_a, frame_rate_hz)?;
+        if let (DriverKind::Board(board), Some(count)) = (&mut kind, layout.value_count())
+            && board.layout == Layout::ProtocolOrder
+        {
+            (board.format, board.layout) = (TextFormat::csv(count), layout.clone());
+        }
         keys.check_company(&kind)?;
         let (baud, frequency_hz) = match &kind {
             DriverKind::Board(board) => (board.baud, 0.0),

@@ -1,9 +1,10 @@
 //! Converts the scene's keys to stimulation and measurement patterns.
 
 use super::{Scene, plain};
+use crate::arrangement::layout;
 use crate::error::SkinError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
-use eit_hw::{Format, ReadOptions, read_recording};
+use eit_hw::{Format, Layout, ReadOptions, read_recording};
 use std::path::Path;
 
 /// Default drive current, ampere.
@@ -11,6 +12,9 @@ pub(crate) const DEFAULT_CURRENT_A: f64 = 1e-4;
 
 /// `protocol.drive` for currents on all electrodes at once.
 const TRIGONOMETRIC: &str = "trigonometric";
+
+/// `protocol.measure` for the potential of each electrode against a common one, such as the sink.
+const GROUND: &str = "ground";
 
 impl Scene {
     /// Returns the protocol for a number of electrodes.
@@ -34,6 +38,12 @@ impl Scene {
                      protocol.driven_electrodes = \"keep\""
                 )));
             }
+            if self.is_ground() {
+                return Err(self.error(format!(
+                    "protocol.measure = \"{GROUND}\" is for currents of two electrodes, not \
+                     drive = \"{TRIGONOMETRIC}\""
+                )));
+            }
             let measure = self.pattern("protocol.measure", keys.measure.as_deref())?;
             Protocol::trigonometric(electrodes, &measure, current_a)
         } else {
@@ -42,7 +52,20 @@ impl Scene {
         found.map_err(|e| SkinError::from(e).within(&self.place))
     }
 
-    /// Returns the scene's pair protocol, if it is one.
+    /// Whether the instrument measures potentials against a common electrode.
+    fn is_ground(&self) -> bool {
+        self.protocol.measure.as_deref() == Some(GROUND)
+    }
+
+    /// Returns what a frame holds where its source does not name electrodes: the measurements of the protocol, or potentials.
+    pub fn frame_layout(&self, protocol: &Protocol) -> Layout {
+        let quadruples = protocol.quadruples().unwrap_or_default();
+        let ground = self.is_ground().then_some(self.protocol.driven_electrodes);
+        layout(quadruples, protocol.electrodes(), ground)
+    }
+
+    /// Returns the scene's pair protocol, if it is one. Pairs that are formed from potentials are those of neighbours, without
+    /// current-carrying electrodes.
     ///
     /// # Errors
     ///
@@ -53,11 +76,17 @@ impl Scene {
             Some(pairs) => PairPattern::Pairs(plain(pairs)),
             None => self.pattern("protocol.drive", keys.drive.as_deref())?,
         };
+        let (measure, driven_electrodes) = match self.is_ground() {
+            true => (PairPattern::Adjacent, DrivenElectrodes::Drop),
+            false => {
+                (self.pattern("protocol.measure", keys.measure.as_deref())?, keys.driven_electrodes)
+            }
+        };
         Ok(PairProtocol {
             electrodes,
             drive,
-            measure: self.pattern("protocol.measure", keys.measure.as_deref())?,
-            driven_electrodes: keys.driven_electrodes,
+            measure,
+            driven_electrodes,
             order: keys.order,
             current_a: keys.current_a.unwrap_or(DEFAULT_CURRENT_A),
         })
@@ -72,7 +101,7 @@ impl Scene {
                 _ => Err(self.error(format!(
                     "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
                      (N electrodes between){}",
-                    if key == "protocol.drive" { ", \"trigonometric\"" } else { "" }
+                    if key == "protocol.drive" { ", \"trigonometric\"" } else { ", \"ground\"" }
                 ))),
             },
         }

@@ -217,7 +217,7 @@ pub enum OneOrMany {
 pub struct ProtocolSettings {
     /// "adjacent", "opposite", "skip-N" or "trigonometric".
     pub drive: Option<String>,
-    /// Pairs to measure; same values as `drive`.
+    /// Pairs to measure: same values as `drive`; or "ground", potentials against a common electrode, such as the sink.
     pub measure: Option<String>,
     /// Drive pairs of electrodes, counted from 0.
     pub pairs: Option<Vec<Pair<u32>>>,

@@ -26,13 +26,14 @@ pub(super) fn find(args: &InitArgs, port: &str, first: &mut FirstScene) -> Resul
     let mut progress = progress::terminal();
     let time = Duration::from_secs_f64(args.listen_s);
     let mut heard = progress.stage("listen", || listen(&endpoint, time))?;
-    if heard.frame_lines < 2 && heard.bytes > 0 && heard.binary_share <= BINARY {
+    let is_heard = |heard: &Heard| heard.frame_lines >= 2 || heard.joined.is_some();
+    if !is_heard(&heard) && heard.bytes > 0 && heard.binary_share <= BINARY {
         // a line may take a second or more
         say("a slow board: listening for 15 s more");
         heard = progress.stage("listen", || listen(&endpoint, Duration::from_secs(15)))?;
     }
     let mut rivals = Vec::new();
-    if heard.frame_lines >= 2 {
+    if is_heard(&heard) {
         rivals = progress.stage("patterns that fit", || text_board(&heard, first, &mut found))?;
     } else {
         other_board(port, &heard, first, &mut found)?;
@@ -62,11 +63,19 @@ fn text_board(
     first: &mut FirstScene,
     found: &mut Found,
 ) -> Result<Vec<FittingProtocol>, CliError> {
+    // lines are frames if a protocol has as many values
+    let is_frame = |values| eit_skin::first_scene::is_frame(values, first.electrodes);
+    let joined =
+        heard.joined.as_deref().filter(|joined| !is_frame(heard.values) && is_frame(joined.values));
+    let (heard, of_lines) = match joined {
+        Some(joined) => (joined, "in several lines frames of"),
+        None => (heard, "lines of"),
+    };
     let values = heard.values;
     (found.values, found.rate_hz) = (Some(values), heard.rate_hz);
     let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
     let step = heard.step().map_or(String::new(), |step| format!(", smallest change {step:.2e}"));
-    found.lines.push(format!("The board prints lines of {values} numbers{rate}{step}."));
+    found.lines.push(format!("The board prints {of_lines} {values} numbers{rate}{step}."));
     let around = heard.stripped.iter();
     found.lines.extend(around.map(|what| format!("Left out around the numbers: {what}.")));
     if heard.other_lines > 0 {
@@ -85,7 +94,7 @@ fn text_board(
     }
     first.values = kind;
     let Some(best) = fitting.first() else { return Err(no_protocol(&mean, first)) };
-    first.protocol = best.protocol.clone();
+    (first.protocol, first.ground) = (best.protocol.clone(), best.ground);
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
@@ -101,7 +110,8 @@ fn text_board(
     let is_poor = best.violates_reciprocity() || best.correlation < UNLIKE;
     let weave = match is_poor || best.swapped.is_some() {
         true => None,
-        false => Skin::from_scene(first.scene()?)?.find_weave(&mean, &vec![true; values])?,
+        false => Skin::from_scene(first.scene()?)?
+            .find_weave(&best.values, &vec![true; best.values.len()])?,
     };
     found.lines.extend(weave.map(|weave| format!("The fabric {}.", weave.weave.description())));
     if is_poor {
@@ -117,7 +127,8 @@ fn text_board(
         ));
     }
     let is_rival = |next: &&FittingProtocol| {
-        next.violates_reciprocity() == best.violates_reciprocity()
+        next.ground == best.ground
+            && next.violates_reciprocity() == best.violates_reciprocity()
             && best.correlation - next.correlation < CLEAR
     };
     Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
@@ -157,9 +168,14 @@ pub(super) fn description(fit: &FittingProtocol) -> String {
         None => "no reciprocal pairs".to_owned(),
     };
     let PairProtocol { drive, measure, driven_electrodes, order, .. } = &fit.protocol;
-    let pattern = format!(
-        "drive {drive:?}, measured {measure:?}, driven electrodes {driven_electrodes:?}, order {order:?}"
-    );
+    let pattern = match fit.ground {
+        Some(driven) => {
+            format!("drive {drive:?}, measured against the sink, driven electrodes {driven:?}")
+        }
+        None => format!(
+            "drive {drive:?}, measured {measure:?}, driven electrodes {driven_electrodes:?}, order {order:?}"
+        ),
+    };
     let exchanged = fit.swapped.map_or(String::new(), |[one, other]| {
         format!(" once the wires of {} and {} are exchanged", one + 1, other + 1)
     });

@@ -24,12 +24,13 @@ pub(super) fn find(
     let mut numbering = find_numbering(first, &reference, &presses)?;
     // the presses distinguish protocols that the untouched skin does not
     for rival in rivals {
-        let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
+        let other =
+            FirstScene { protocol: rival.protocol.clone(), ground: rival.ground, ..first.clone() };
         let mut of_other = find_numbering(&other, &reference, &presses)?;
         if of_other.likeness > numbering.likeness {
             found.lines.push(format!("The presses match better: {}.", description(rival)));
             std::mem::swap(&mut numbering, &mut of_other);
-            first.protocol = other.protocol;
+            (first.protocol, first.ground) = (other.protocol, other.ground);
         }
         numbering.next_likeness = numbering.next_likeness.max(of_other.likeness);
     }

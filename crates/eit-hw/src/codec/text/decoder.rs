@@ -57,6 +57,9 @@ pub enum Fault {
 
 /// Decodes lines of numbers.
 ///
+/// Frames without marks are lines, or the lines between two empty ones, or between two pauses: [`push`](Self::push) with no bytes. A
+/// frame of several lines is known to be whole once the next empty line or pause has come.
+///
 /// ```
 /// use eit_hw::codec::text::{Decoder, Event, TextFormat};
 /// let format = TextFormat { values_per_line: 3, ..TextFormat::default() };
@@ -74,6 +77,10 @@ pub struct Decoder {
     format: TextFormat,
     line: Vec<u8>,
     line_is: Line,
+    /// Whether the last line ended with a carriage return, of which a line feed is a part.
+    after_return: bool,
+    /// Whether an empty line or a pause stands before the next line, so that a frame of several lines may start.
+    may_start: bool,
     /// Number of lines in the open frame; `None` between frames.
     lines: Option<usize>,
     fault: Option<Fault>,
@@ -108,6 +115,8 @@ impl Decoder {
             format,
             line: Vec::with_capacity(1024),
             line_is: Line::TruncatedStart,
+            after_return: false,
+            may_start: false,
             lines: None,
             fault: None,
             numbers: Vec::with_capacity(numbers + 1),
@@ -134,15 +143,23 @@ impl Decoder {
     pub fn reset(&mut self, at_frame_start: bool) {
         self.line.clear();
         self.line_is = if at_frame_start { Line::Whole } else { Line::TruncatedStart };
+        (self.after_return, self.may_start) = (false, false);
         let open = at_frame_start && matches!(self.format.framing, Framing::EndLine(_));
         self.lines = open.then_some(0);
         self.fault = None;
         self.numbers.clear();
     }
 
-    /// Decodes bytes as they arrive and calls `on_event` for each completed frame.
+    /// Decodes bytes as they arrive and calls `on_event` for each completed frame. No bytes: nothing arrived for a while.
     pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
+        if bytes.is_empty() && self.line.is_empty() {
+            self.between_frames(on_event);
+        }
         for &byte in bytes {
+            let after_return = std::mem::replace(&mut self.after_return, byte == b'\r');
+            if byte == b'\n' && after_return {
+                continue;
+            }
             if byte != b'\n' && byte != b'\r' {
                 if self.line.len() < MAX_LINE_BYTES {
                     self.line.push(byte);
@@ -166,17 +183,13 @@ impl Decoder {
             Line::TooLong => Some(Fault::TooLong),
         };
         if line.is_empty() {
-            return;
+            return self.between_frames(on_event);
         }
         let is = |mark: &String| cut.is_none() && line == mark.as_bytes();
         // the framing is moved out while the frame is worked on
         let framing = std::mem::replace(&mut self.format.framing, Framing::Lines);
         match &framing {
-            Framing::Lines => {
-                self.open(on_event);
-                self.numbers(line, cut, on_event);
-                self.close(on_event);
-            }
+            Framing::Lines => self.line_of_frame(line, cut, on_event),
             Framing::StartLine(mark) if is(mark) => self.open(on_event),
             Framing::EndLine(mark) if is(mark) => {
                 self.close(on_event);
@@ -199,6 +212,53 @@ impl Decoder {
             _ => Self::tell_line(line, on_event),
         }
         self.format.framing = framing;
+    }
+
+    /// A line that is a frame, or a part of one whose start is known.
+    fn line_of_frame(
+        &mut self,
+        line: &[u8],
+        cut: Option<Fault>,
+        on_event: &mut impl FnMut(Event<'_>),
+    ) {
+        let may_start = std::mem::take(&mut self.may_start);
+        if self.lines.is_none() {
+            self.open(on_event);
+        }
+        let before = self.numbers.len();
+        self.numbers(line, cut, on_event);
+        match self.fault {
+            Some(Fault::Values { found, wanted })
+                if (may_start || before > 0) && before + found <= wanted =>
+            {
+                self.fault = None;
+            }
+            None if before > 0 => {
+                // a whole frame after a part of one
+                let wanted = self.format.values_per_line;
+                on_event(Event::Skipped(Fault::Values { found: before, wanted }));
+                self.numbers.drain(..before);
+                self.lines = Some(1);
+                self.close(on_event);
+            }
+            _ => self.close(on_event),
+        }
+    }
+
+    /// Ends a frame of several lines; the next line may start one.
+    fn between_frames(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
+        if self.format.framing != Framing::Lines {
+            return;
+        }
+        self.may_start = true;
+        let Some(lines) = self.lines.replace(1).filter(|lines| *lines > 0) else {
+            self.lines = None;
+            return;
+        };
+        let wanted = self.format.numbers();
+        let fault = Fault::Values { found: self.numbers.len() / lines, wanted };
+        self.fault = self.fault.or((self.numbers.len() != wanted).then_some(fault));
+        self.close(on_event);
     }
 
     fn tell_line(line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
@@ -260,7 +320,9 @@ impl Decoder {
             found = wanted;
             self.stripped = self.stripped.or(Stripped::LABEL);
         }
-        self.numbers.truncate(self.format.numbers().min(before + wanted));
+        let is_single = self.format.lines_per_frame == 1;
+        let room = if is_single { usize::MAX } else { self.format.numbers() };
+        self.numbers.truncate(room.min(before + wanted));
         // a banner between frames that end with a mark
         if before == 0
             && self.lines == Some(0)

@@ -34,7 +34,7 @@ pub struct TextFormat {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Framing {
-    /// One line per frame, without marks; with several lines, nothing would say which is the first.
+    /// One line per frame, without marks; or several with an empty line or a pause between frames, which says which is the first.
     /// The first line received is skipped, as its start may be missing.
     Lines,
     /// A line that equals this text starts a frame.
