@@ -26,7 +26,7 @@ pub trait Driver: Send {
     /// Those of [`connect`](Self::connect).
     fn start(&mut self, link: &mut Link) -> Result<(), HwError>;
 
-    /// Decodes bytes of the running stream and calls `on_decoded` for each result.
+    /// Decodes bytes of the running stream and calls `on_decoded` for each result. No bytes: nothing arrived for a while.
     fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>));
 
     /// Called at least every 20 ms while the stream runs, to poll instruments that send each frame

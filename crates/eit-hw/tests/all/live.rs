@@ -12,6 +12,7 @@ use eit_hw::capture::{
     TouchesRecord,
 };
 use eit_hw::codec::eits1::Information;
+use eit_hw::codec::text::TextFormat;
 use eit_hw::driver::{
     Board, Driver, Eits1, Event, FrameSource as _, Overflow, Polarity, Sciospec, SciospecSettings,
     Session, SessionSettings, identify,
@@ -19,7 +20,7 @@ use eit_hw::driver::{
 use eit_hw::emulator::{
     BoardDevice, Device, Eits1Device, Emulator, FaultPlan, Listen, SciospecDevice,
 };
-use eit_hw::{Endpoint, Frame, HwError, Quadruple, Quality, Unit};
+use eit_hw::{Endpoint, Frame, HwError, Layout, Quadruple, Quality, Unit};
 
 /// Returns a value that encodes frame and measurement; exact in 32 bits.
 fn value(sequence: u64, [a, b, m, n]: Quadruple) -> f64 {
@@ -364,6 +365,35 @@ fn every_board_over_a_line() {
             assert_eq!(frame.imaginary.as_ref(), complex.then_some(&frame.values), "{name}");
         }
         assert_eq!(session.statistics().lost, 0, "{name}");
+    }
+}
+
+/// Frames of several lines with nothing but pauses between them, as a firmware prints its rows: every value is in its place, and what a
+/// busy computer takes for one frame too long is counted, not guessed.
+#[test]
+fn frames_in_lines_between_pauses() {
+    let format = |lines_per_frame, values_per_line| TextFormat {
+        lines_per_frame,
+        values_per_line,
+        ..TextFormat::default()
+    };
+    let board = |name, format| Board::new(name, 115_200, format, Layout::ProtocolOrder);
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
+        for (index, value) in values.iter_mut().enumerate() {
+            *value = (100 * sequence + index as u64) as f64;
+        }
+    };
+    for (lines, values) in [(4, 3), (12, 1)] {
+        let folder = tempfile::tempdir().unwrap();
+        let device = BoardDevice::new(board("rows", format(lines, values)), 8.0, Box::new(source));
+        let emulator = on_line(device, &folder, FaultPlan::default());
+        let driver = board("csv", TextFormat::csv(12)).driver().unwrap();
+        let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
+        for frame in frames(&session).take(6) {
+            let wanted = (0..12).map(|index| frame.values[0] + f64::from(index));
+            assert_eq!(frame.values, wanted.collect::<Vec<_>>());
+            assert_eq!(frame.values[0] % 100.0, 0.0);
+        }
     }
 }
 

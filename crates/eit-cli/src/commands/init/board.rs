@@ -78,8 +78,7 @@ fn text_board(
     found.lines.push(format!("The board prints {of_lines} {values} numbers{rate}{step}."));
     let around = heard.stripped.iter();
     found.lines.extend(around.map(|what| format!("Left out around the numbers: {what}.")));
-    if heard.other_lines > 0 {
-        let example = heard.other_line.as_deref().unwrap_or_default();
+    if let Some(example) = heard.other_line.as_deref().filter(|_| heard.other_lines > 0) {
         let (other, all) = (heard.other_lines, heard.other_lines + heard.frame_lines);
         let warning = format!("{other} of {all} lines were not frames, such as \"{example}\"");
         found.warnings.push(warning);

@@ -116,14 +116,15 @@ impl Reader {
             if received > 0 {
                 noise.add(received);
                 queue.count(|statistics| statistics.bytes += received as u64);
-                self.driver.receive(&buffer[..received], &mut |decoded| {
-                    frames += u32::from(matches!(decoded, Decoded::Frame(_)));
-                    // what follows belongs to another connection
-                    if end.is_none() {
-                        end = take(queue, stream, decoded);
-                    }
-                });
             }
+            // a pause, too, says something: it ends frames of several lines
+            self.driver.receive(&buffer[..received], &mut |decoded| {
+                frames += u32::from(matches!(decoded, Decoded::Frame(_)));
+                // what follows belongs to another connection
+                if end.is_none() {
+                    end = take(queue, stream, decoded);
+                }
+            });
             match end {
                 Some(TakeEnd::Overflow) => return End::Overflow,
                 Some(TakeEnd::Restarted) => {
