@@ -251,6 +251,7 @@ impl Source {
         let settings_of = scene.map(|scene| scene.stage_settings().recording);
         self.rate_hz = settings_of.and_then(|keys| keys.frame_rate_hz);
         options.complex |= settings.complex;
+        options.measurements = protocol.map(Protocol::measurements);
         let mut table = eit_hw::read_recording(&settings.input, format, &options)?;
         if let Some(protocol) = protocol {
             table = table.arranged_for(protocol.quadruples(), protocol.measurements());

@@ -18,12 +18,13 @@ pub(super) struct Loaded {
 pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
     let keys = &skin.settings.recording;
     let protocol = &skin.protocol;
+    let count = protocol.measurements();
     let (format, options) = keys.reading()?;
+    let options = eit_hw::ReadOptions { measurements: Some(count), ..options };
     let mut parts = Vec::new();
     let mut notes = Vec::new();
     let (mut marked_reference, mut ordered_by_file) = (None, true);
     for file in files {
-        let count = protocol.measurements();
         let recording = eit_hw::read_recording(file, format, &options)?;
         let recording = recording.arranged_for(protocol.quadruples(), count);
         let mut frames = recording.frames_for(protocol.quadruples(), count, keys.component)?;
