@@ -4,7 +4,7 @@
 use eit_hw::{Format, ReadOptions, parse_recording};
 use libfuzzer_sys::fuzz_target;
 
-const FORMATS: [Format; 7] = [
+const FORMATS: [Format; 9] = [
     Format::Csv,
     Format::Npy,
     Format::Sciospec,
@@ -12,12 +12,13 @@ const FORMATS: [Format; 7] = [
     Format::Lct,
     Format::SerialLog,
     Format::BlackSensor,
+    Format::Mat,
+    Format::Npz,
 ];
 
 fuzz_target!(|data: &[u8]| {
     let Some((&first, data)) = data.split_first() else { return };
-    // 8 kinds of input, as the seeds have them; the last was an array of any shape
-    let Some(&format) = FORMATS.get(usize::from(first % 8)) else { return };
+    let format = FORMATS[usize::from(first) % FORMATS.len()];
     if let Ok(recording) = parse_recording(data, "fuzz", format, &ReadOptions::default()) {
         assert!(
             recording.quality.as_ref().is_none_or(|quality| quality.dim() == recording.real.dim())

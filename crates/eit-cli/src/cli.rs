@@ -148,8 +148,8 @@ pub(crate) enum Command {
     ///
     /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the skin), touches.csv
     /// (a row for each touch in each frame; docs/METHODS.md), sheet.png, movie.gif for a sequence, and
-    /// report.json. Formats of frames: recordings (.mcap), .npy, .csv, Sciospec .eit folders, GOE .get, LCT
-    /// text, KHU Mark2.5 scan folders, raw serial logs.
+    /// report.json. Formats of frames: recordings (.mcap), .npy, .npz, .mat, .csv, Sciospec .eit folders, GOE
+    /// .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
     /// Make a learning base for a U-net, train the net, and apply it to images.
     ///

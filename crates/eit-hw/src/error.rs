@@ -233,13 +233,36 @@ pub enum HwError {
     /// A stored shape that is neither a frame nor a list of frames.
     #[error(
         "{place}: has the shape {shape:?}; one frame is [measurement], several are \
-         [frame, measurement]"
+         [frame, measurement] or [frame, drive, electrode]"
     )]
     Shape {
         /// File with the problem, and where in it.
         place: Place,
         /// The shape found.
         shape: Vec<usize>,
+    },
+    /// A file of arrays, none of which holds numbers.
+    #[error(
+        "{place}: holds no array of numbers ({others}); save the matrix [frame, measurement] as a variable of \
+         its own, in MATLAB by v = full(s.FIELD); save('frames.mat', 'v', '-v7')"
+    )]
+    NoArray {
+        /// File with the problem.
+        place: Place,
+        /// What it holds instead.
+        others: String,
+    },
+    /// A file of several arrays, and it is not clear which has the frames.
+    #[error(
+        "{place}: {fault}: {arrays}; set `[recording] array` to the name of the one with the frames"
+    )]
+    WhichArray {
+        /// File with the problem.
+        place: Place,
+        /// Why it is not clear.
+        fault: ArrayFault,
+        /// Names and shapes of the arrays.
+        arrays: String,
     },
     /// A current of 0, by which a voltage would be divided.
     #[error("{place}: the current is 0, so voltage over current is undefined; remove the file")]
@@ -623,7 +646,53 @@ pub enum HwError {
     },
 }
 
+/// Why it is not clear which array of a file has the frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ArrayFault {
+    /// None has the name that is stated.
+    Missing {
+        /// The name, shortened.
+        name: String,
+    },
+    /// None has frames of as many measurements as the protocol.
+    NoneFits {
+        /// Number of measurements of the protocol.
+        wanted: usize,
+    },
+    /// More than one has such frames.
+    SeveralFit {
+        /// Number of measurements of the protocol.
+        wanted: usize,
+    },
+    /// There are several, and no protocol.
+    Several,
+}
+
+impl fmt::Display for ArrayFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing { name } => write!(f, "has no array of numbers named {name:?}"),
+            Self::NoneFits { wanted } => {
+                write!(f, "no array has frames of the protocol's {wanted} measurements")
+            }
+            Self::SeveralFit { wanted } => {
+                write!(f, "more than one array has frames of the protocol's {wanted} measurements")
+            }
+            Self::Several => f.write_str("holds several arrays"),
+        }
+    }
+}
+
 impl HwError {
+    /// A damaged array of a file of several; `name` may be unknown (empty).
+    #[cfg(feature = "arrays")]
+    pub(crate) fn damaged_array(place: Place, name: &str, error: impl fmt::Display) -> Self {
+        let name = if name.is_empty() { String::new() } else { format!(" `{}`", shortened(name)) };
+        let what = format!("the array{name} is damaged ({error})");
+        Self::Container { place, what, mend: "copy or save the file again" }
+    }
+
     /// An invalid setting, with its valid values.
     pub(crate) fn setting(name: &'static str, value: impl ToString, wanted: &'static str) -> Self {
         Self::Setting { name, value: value.to_string(), wanted }

@@ -20,7 +20,7 @@ mod transport;
 /// ndarray, in the version of this crate's interface.
 pub use ndarray;
 
-pub use error::{At, HwError, Place};
+pub use error::{ArrayFault, At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality, UnknownFlags};
 pub use health::{
     ElectrodeHealth, Finding, HealthReport, Resolution, Severity, StreamFacts, Trouble, Verdict,

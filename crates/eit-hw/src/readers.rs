@@ -1,12 +1,20 @@
 //! Readers of recorded files, one per format, and recognition of the format.
 
+mod array;
+#[cfg(feature = "arrays")]
+mod arrays;
 mod black_sensor;
 pub(crate) mod csv;
 mod files;
 mod goe;
 mod khu;
 mod lct;
+#[cfg(feature = "arrays")]
+mod mat;
 mod npy;
+#[cfg(feature = "arrays")]
+mod npz;
+mod number;
 mod recognise;
 mod sciospec;
 mod serial_log;
@@ -34,12 +42,18 @@ pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 )]
 pub struct ReadOptions {
     /// `[recording] frames_are`: what forms one frame of [`Format::Csv`] and of an array of two axes
-    /// of [`Format::Npy`]; rejected for other formats. `None` is [`FrameOrientation::Rows`].
+    /// of [`Format::Npy`], [`Format::Npz`] and [`Format::Mat`]; rejected for other formats. `None` is
+    /// what fits [`measurements`](Self::measurements) in the last two, else [`FrameOrientation::Rows`].
     pub frames_are: Option<FrameOrientation>,
-    /// `[recording] complex`: rows (or columns, also those of a matrix) of [`Format::Csv`] and of real
-    /// numbers of [`Format::Npy`] alternate: real parts of frame 0, imaginary parts of frame 0, real
-    /// parts of frame 1 and so on. Rejected for other formats.
+    /// `[recording] complex`: rows (or columns, also those of a matrix) of a table of real numbers
+    /// alternate: real parts of frame 0, imaginary parts of frame 0, real parts of frame 1 and so on.
+    /// Rejected for other formats.
     pub complex: bool,
+    /// `[recording] array`: name of the array with the frames, for [`Format::Npz`] and [`Format::Mat`];
+    /// rejected for other formats. `None` is the only one that fits.
+    pub array: Option<String>,
+    /// Number of measurements of the protocol, which tells the array with the frames from others.
+    pub measurements: Option<usize>,
     /// `[recording] frequency_row`: index of the frequency to read, from 0, for [`Format::Sciospec`].
     pub frequency_row: usize,
     /// Options for [`Format::SerialLog`].
@@ -49,15 +63,19 @@ pub struct ReadOptions {
 impl ReadOptions {
     /// Rejects keys for tables if the format is not a table.
     fn check(&self, format: Format, path: &Path) -> Result<(), HwError> {
-        let key = match format {
-            Format::Csv | Format::Npy => None,
-            _ if self.frames_are.is_some() => Some("frames_are"),
-            _ => self.complex.then_some("complex"),
+        let of_several = matches!(format, Format::Mat | Format::Npz);
+        let is_table = of_several || matches!(format, Format::Csv | Format::Npy);
+        let (key, meant) = if self.array.is_some() && !of_several {
+            ("array", "mat and npz files")
+        } else if self.frames_are.is_some() && !is_table {
+            ("frames_are", "tables (csv, npy, mat, npz)")
+        } else if self.complex && !is_table {
+            ("complex", "tables (csv, npy, mat, npz)")
+        } else {
+            return Ok(());
         };
-        key.map_or(Ok(()), |key| {
-            let (place, format) = (Place::file(path), format.name());
-            Err(HwError::UnusedKey { place, key, format, meant: "csv and npy tables" })
-        })
+        let (place, format) = (Place::file(path), format.name());
+        Err(HwError::UnusedKey { place, key, format, meant })
     }
 }
 
@@ -68,10 +86,11 @@ impl ReadOptions {
 ///
 /// A folder with `.eit` files is Sciospec; one with KHU's `ProjectionTableSendLog.txt` is KHU. A
 /// file is recognised by the first rule that applies:
-/// - first bytes `\x93NUMPY`: NPY; `\x89MCAP`: MCAP;
+/// - first bytes `\x93NUMPY`: NPY; `\x89MCAP`: MCAP; a zip archive: NPZ;
+/// - the version and byte order of a MATLAB file of version 5 at byte 124: MAT;
 /// - first line `#MEAS`: LCT;
 /// - a line `time_pc [s],` at the start: log of the board `black_sensor`;
-/// - ending `.eit`, `.get`, `.npy` or `.csv`: that format;
+/// - ending `.eit`, `.get`, `.npy`, `.mat` or `.csv`: that format;
 /// - other text with a line `s`, `ref:` or `data:`: serial log; other text: CSV.
 ///
 /// Text that may be either of the last two (lines of as many numbers as in a serial log, without
@@ -130,7 +149,15 @@ pub fn parse_recording(
     options.check(format, path)?;
     match format {
         Format::Csv => csv::parse(bytes, path, options),
-        Format::Npy => npy::parse(bytes, path, options),
+        Format::Npy => npy::parse(bytes, path)?.recording(format, options, path),
+        #[cfg(feature = "arrays")]
+        Format::Npz => npz::parse(bytes, path, options),
+        #[cfg(feature = "arrays")]
+        Format::Mat => mat::parse(bytes, path, options),
+        #[cfg(not(feature = "arrays"))]
+        Format::Npz | Format::Mat => {
+            Err(HwError::Unsupported { place: Place::file(path), format: format.name() })
+        }
         Format::Sciospec => sciospec::parse(bytes, path, options.frequency_row),
         Format::Goe => goe::parse(bytes, path),
         Format::Lct => lct::parse(bytes, path),

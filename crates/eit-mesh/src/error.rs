@@ -212,7 +212,7 @@ pub enum MeshError {
         limit: usize,
     },
     /// A mesh file cannot be read.
-    #[error("{file}: line {line}: {problem}")]
+    #[error("{file}: {}{problem}", line_of(*line))]
     Parse {
         /// File name as given.
         file: String,
@@ -424,4 +424,9 @@ impl MeshError {
     ) -> Result<(), Self> {
         if is_valid { Ok(()) } else { Err(Self::OutOfRange { quantity, value, must }) }
     }
+}
+
+/// The line of a problem; nothing for one of the whole file.
+fn line_of(line: usize) -> String {
+    if line == 0 { String::new() } else { format!("line {line}: ") }
 }

@@ -252,10 +252,12 @@ impl Source {
         let settings_of = scene.map(|scene| scene.stage_settings().recording);
         self.rate_hz = settings_of.and_then(|keys| keys.frame_rate_hz);
         options.complex |= settings.complex;
+        let layout = scene.zip(protocol).map(|(scene, protocol)| scene.frame_layout(protocol));
+        let count = layout.as_ref().and_then(Layout::value_count);
+        options.measurements = count.or(protocol.map(Protocol::measurements));
         let mut table = eit_hw::read_recording(&settings.input, format, &options)?;
-        if let (Some(scene), Some(protocol)) = (scene, protocol) {
-            let layout = scene.frame_layout(protocol);
-            table = table.arranged_for(&layout, protocol.quadruples(), protocol.measurements());
+        if let (Some(layout), Some(protocol)) = (&layout, protocol) {
+            table = table.arranged_for(layout, protocol.quadruples(), protocol.measurements());
         }
         let quadruples = match (protocol, &table.layout) {
             (None, Layout::Quadruples(quadruples)) => quadruples.clone(),

@@ -238,7 +238,11 @@ fn from_file(
     file: &Path,
 ) -> Result<Played, SkinError> {
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
-    let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
+    let options = eit_hw::ReadOptions {
+        measurements: Some(skin.layout.value_count().unwrap_or(count)),
+        ..Default::default()
+    };
+    let recording = eit_hw::read_recording(file, None, &options)?;
     let recording = recording.arranged_for(&skin.layout, own, count);
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;

@@ -347,10 +347,15 @@ impl Body {
         let choice = scene.choose_mesh(&source, mesh.nodes.is_some(), progress)?;
         let electrodes = choice.mesh.electrodes().len();
         if electrodes == 0 {
-            return Err(SkinError::input(
-                "the mesh has no electrode: name physical lines electrode_1 .. in a Gmsh file, or set \
-                 electrodes.positions_m",
-            ));
+            let of_file = match &source {
+                MeshSource::File { path, .. } => format!("{}: ", path.display()),
+                MeshSource::Generated { .. } => String::new(),
+            };
+            return Err(SkinError::input(format!(
+                "{of_file}the mesh has no electrode: name physical curves of a Gmsh file electrode_1, \
+                 electrode_2 and so on, as in Physical Curve(\"electrode_1\") = {{1}}, or set \
+                 electrodes.positions_m"
+            )));
         }
         let protocol = scene.protocol(electrodes)?;
         let elements = choice.mesh.surface().triangles().len();

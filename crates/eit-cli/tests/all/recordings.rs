@@ -300,6 +300,48 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
     }
 }
 
+/// Of several arrays of a MATLAB file, the one is read whose frames fit the scene, also by columns, or that the scene names.
+#[test]
+fn matlab_arrays_are_read_by_shape_or_name() {
+    let folder = Folder::new();
+    let [table, out] = [random_table(&folder, 5), folder.path("back.csv")];
+    succeed(format!("convert {table} --scene paper-disc --out {out}"));
+    let content = read_text(&out);
+    let values: Vec<f64> =
+        content.split([',', '\n']).filter_map(|value| value.parse().ok()).collect();
+    // an array of doubles, the first index fastest; names of one letter stand in their tag
+    let array = |name: u8, shape: [u32; 2], values: &[f64]| {
+        let data: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let words =
+            [6, 8, 6, 0, 5, 8, shape[0], shape[1], 0x1_0001, u32::from(name), 9, data.len() as u32];
+        let content = [&words.map(u32::to_le_bytes).concat()[..], &data].concat();
+        [&[14, content.len() as u32].map(u32::to_le_bytes).concat()[..], &content].concat()
+    };
+    let file = |name: &str, arrays: &[Vec<u8>]| {
+        let header = [&[b' '; 124][..], b"\0\x01IM"].concat();
+        folder.write(name, [&header[..], &arrays.concat()].concat())
+    };
+    let times = array(b't', [5, 1], &values[..5]);
+    let (frames, others) = (array(b'v', [208, 5], &values), array(b'w', [208, 5], &[0.0; 1040]));
+    let one = file("one.mat", &[times.clone(), frames.clone()]);
+    let two = file("two.mat", &[times, frames, others]);
+    let said = succeed(format!("convert {one} --scene paper-disc --out {out}"));
+    assert!(said.contains("read the array `v` [208, 5], a frame in each column"), "{said}");
+    assert_eq!(read_text(&out), content);
+    let asked = "`t` [5, 1], `v` [208, 5], `w` [208, 5]; set `[recording] array`";
+    let images = folder.path("images");
+    for line in [
+        format!("convert {two} --scene paper-disc --out {out}"),
+        format!("reconstruct paper-disc --frames {two} --reference 0 --out {images}"),
+    ] {
+        assert!(refuse(&line).contains(asked), "{line}");
+    }
+    let scene = SMALL.replace("[mesh]", "[recording]\narray = \"v\"\n[mesh]");
+    let scene = folder.write("named.toml", scene.replace("count = 8", "count = 16"));
+    succeed(format!("convert {two} --scene {scene} --out {out}"));
+    assert_eq!(read_text(&out), content);
+}
+
 /// A disk that fills up during conversion leaves no recording that looks complete; the error names the file, not its
 /// temporary one, and nothing of it is left.
 #[test]

@@ -10,26 +10,22 @@ use crate::error::{HwError, Place};
 use crate::recording::Format;
 
 /// First bytes of files that are not read, what they are, and what to do.
-const FOREIGN: [(&[u8], &str, &str); 4] = [
+const FOREIGN: [(&[u8], &str, &str); 3] = [
     (
-        b"MATLAB 5.0",
-        "a MATLAB file",
-        "write the matrix [frame, measurement] as CSV, in MATLAB by writematrix(v, 'frames.csv'), in Python by \
-         numpy.savetxt('frames.csv', scipy.io.loadmat(FILE)[NAME], delimiter=',')",
+        b"MATLAB 7.3",
+        "a MATLAB file of version 7.3",
+        "load it in MATLAB and write the matrix [frame, measurement] by save('frames.mat', 'v', '-v7')",
     ),
     (
         b"\x89HDF\r\n\x1a\n",
-        "an HDF5 file (also of MATLAB 7.3)",
+        "an HDF5 file",
         "write the matrix [frame, measurement] as NPY, in Python by numpy.save('frames.npy', h5py.File(FILE)[NAME])",
-    ),
-    (
-        b"PK\x03\x04",
-        "a zip archive, such as of NumPy (.npz) or Excel (.xlsx)",
-        "write the matrix [frame, measurement] as NPY, in Python by numpy.save('frames.npy', numpy.load(FILE)[NAME]), or save \
-         the sheet as CSV",
     ),
     (b"\xd0\xcf\x11\xe0", "an old Excel file", "save the sheet as CSV"),
 ];
+
+/// First bytes of a zip archive.
+const ZIP_MAGIC: &[u8] = b"PK\x03\x04";
 
 /// Returns the format of a folder.
 pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
@@ -62,6 +58,12 @@ pub(super) fn file(
     if let Some((_, what, mend)) = FOREIGN.iter().find(|(magic, ..)| bytes.starts_with(magic)) {
         return Err(HwError::Foreign { place: Place::file(path), what, mend });
     }
+    if bytes.starts_with(ZIP_MAGIC) {
+        return Ok(Format::Npz);
+    }
+    if is_mat(bytes) {
+        return Ok(Format::Mat);
+    }
     if bytes.starts_with(b"#MEAS") {
         return Ok(Format::Lct);
     }
@@ -78,6 +80,7 @@ pub(super) fn file(
         Some("eit") => return Ok(Format::Sciospec),
         Some("get") => return Ok(Format::Goe),
         Some("npy") => return Ok(Format::Npy),
+        Some("mat") => return Ok(Format::Mat),
         Some("csv") => return Ok(Format::Csv),
         _ => {}
     }
@@ -96,6 +99,11 @@ pub(super) fn file(
         .take(2)
         .any(|line| line::numbers(line, |_| ()).is_ok());
     if numbers { Ok(Format::Csv) } else { Err(unrecognised(path)) }
+}
+
+/// Returns whether the header is that of a MATLAB file of version 5 in either byte order; its text is any.
+fn is_mat(bytes: &[u8]) -> bool {
+    matches!(bytes.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
 }
 
 fn unrecognised(path: &Path) -> HwError {

@@ -18,6 +18,12 @@ pub enum Format {
     /// NumPy array of integers, floats or complex numbers, in either byte and axis order; frames as in
     /// [`Format::Csv`], and `[measurement]` is one frame.
     Npy,
+    /// NumPy archive of such arrays, one of which has the frames ([`ReadOptions`](crate::ReadOptions));
+    /// needs the feature `arrays`.
+    Npz,
+    /// MATLAB file of version 5 (`-v6`, `-v7`), one of whose arrays has the frames; needs the feature
+    /// `arrays`.
+    Mat,
     /// Sciospec `.eit` text frames, one per file: complex potentials of all electrodes in volts.
     Sciospec,
     /// Goe-MF II `.get`: 16 electrodes, 208 values in "rotated" order, of unknown scale.
@@ -38,9 +44,11 @@ pub enum Format {
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Csv,
         Self::Npy,
+        Self::Npz,
+        Self::Mat,
         Self::Sciospec,
         Self::Goe,
         Self::Lct,
@@ -50,12 +58,14 @@ impl Format {
         Self::Mcap,
     ];
 
-    /// Returns the name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`,
+    /// Returns the name in the scene file: `csv`, `npy`, `npz`, `mat`, `sciospec`, `goe`, `lct`, `khu`,
     /// `serial-log`, `black-sensor`, `mcap`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Csv => "csv",
             Self::Npy => "npy",
+            Self::Npz => "npz",
+            Self::Mat => "mat",
             Self::Sciospec => "sciospec",
             Self::Goe => "goe",
             Self::Lct => "lct",

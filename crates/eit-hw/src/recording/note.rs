@@ -184,6 +184,15 @@ pub enum Note {
         /// Number of rows.
         rows: usize,
     },
+    /// One array of a file of several was read, or one whose frames are columns.
+    Array {
+        /// Its name, shortened.
+        name: String,
+        /// Its shape.
+        shape: Vec<usize>,
+        /// Whether a column is a frame.
+        by_columns: bool,
+    },
     /// Some values are NaN or infinite and count as missing; the other values of their frames are
     /// used.
     MissingValues {
@@ -275,6 +284,10 @@ impl fmt::Display for Note {
                 "every row is a pair of whole numbers such as 1,5, which is read as two values: if it \
                  is one number with a decimal comma, write 1.5",
             ),
+            Self::Array { name, shape, by_columns } => {
+                let frame = if *by_columns { ", a frame in each column" } else { "" };
+                write!(f, "read the array `{name}` {shape:?}{frame}")
+            }
             Self::OneColumn { rows } => write!(f, "one column of {rows} rows read as one frame"),
         }
     }

@@ -101,9 +101,8 @@ fn csv_faults() {
 fn foreign_files_are_named() {
     let folder = tempfile::tempdir().unwrap();
     for (bytes, what) in [
-        (&b"MATLAB 5.0 MAT-file, Platform: GLNXA64"[..], "a MATLAB file: write the matrix"),
-        (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file (also of MATLAB 7.3): write the matrix"),
-        (b"PK\x03\x04\x14\0", "NumPy (.npz) or Excel (.xlsx): write the matrix"),
+        (&b"MATLAB 7.3 MAT-file, Platform: GLNXA64"[..], "version 7.3: load it in MATLAB"),
+        (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file: write the matrix"),
         (b"\xd0\xcf\x11\xe0\xa1\xb1", "an old Excel file: save the sheet as CSV"),
     ] {
         let path = folder.path().join("f.dat");
@@ -207,7 +206,7 @@ fn npy_faults() {
     refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "truncated"]);
     refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
     refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
-    refused(npy_with("'<f8'", "(1, 1, 1)", &[0; 8]), &["shape [1, 1, 1]"]);
+    refused(npy_with("'<f8'", "(1, 1, 1, 1)", &[0; 8]), &["shape [1, 1, 1, 1]"]);
     refused(npy_with("'<f8'", "(0, 4)", &[]), &["no complete frame"]);
     refused(npy_with("'<f8'", "(4, 0)", &[]), &["no complete frame"]);
     refused(npy_with("'<f8'", "(9999999999, 9999999999)", &[]), &["0 bytes of data"]);
@@ -512,8 +511,11 @@ fn keys_of_tables_are_for_tables() {
     for (name, format) in ["t_1.eit", "f.get", "f.lct", "f.log"].into_iter().zip(formats) {
         let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
         assert!(read(&ReadOptions::default()).is_ok(), "{name}");
-        refused(read(&frames_are), &[name, "`[recording] frames_are`", "csv and npy", format]);
-        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "remove"]);
+        refused(read(&frames_are), &[name, "`[recording] frames_are`", "tables (csv, npy", format]);
+        refused(
+            read(&complex),
+            &[name, "`[recording] complex`", "tables (csv, npy", format, "remove"],
+        );
     }
     refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
     let khu = tempfile::tempdir().unwrap();
@@ -525,7 +527,10 @@ fn keys_of_tables_are_for_tables() {
     write("f.npy", &npy_bytes(header, &floats));
     let npy = |options: &ReadOptions| read_recording(&path.join("f.npy"), None, options);
     assert!(npy(&frames_are).is_ok());
-    refused(npy(&complex), &["f.npy", "`[recording] complex`", "complex npy", "real numbers"]);
+    refused(
+        npy(&complex),
+        &["f.npy", "`[recording] complex`", "complex recording", "real numbers"],
+    );
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
     write("f.npy", &npy_bytes(header, &floats));
     refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);

@@ -13,6 +13,7 @@
 mod common;
 
 mod allocations;
+mod arrays;
 mod bad_input;
 mod capture;
 mod codec;

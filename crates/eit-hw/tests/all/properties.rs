@@ -1,8 +1,9 @@
 //! Parsers never panic on arbitrary or damaged bytes, and what is written is read back. One file,
 //! because all formats share the same generators.
 
+use crate::common::arrays::{compressed, doubles, mat, npy, npz};
 use crate::common::{parse, table as table_options};
-use eit_hw::Format::{Csv, Goe, Lct, Npy, Sciospec, SerialLog};
+use eit_hw::Format::{Csv, Goe, Lct, Mat, Npy, Npz, Sciospec, SerialLog};
 use eit_hw::{
     Component, FrameOrientation, HwError, Note, Quality, ReadOptions, Recording, SerialLogOptions,
     read_recording,
@@ -38,7 +39,9 @@ fn parse_all(bytes: &[u8]) {
     for frequency_row in [0, 1] {
         check(parse(Sciospec, bytes, &ReadOptions { frequency_row, ..plain.clone() }));
     }
-    check(parse(Goe, bytes, &plain));
+    for format in [Goe, Mat, Npz] {
+        check(parse(format, bytes, &plain));
+    }
     check(parse(Lct, bytes, &plain));
     for (lines_per_frame, values_per_line) in [(16, 13), (2, 2), (1, 1), (0, 3), (3, 0)] {
         check(parse(SerialLog, bytes, &log_options(lines_per_frame, values_per_line, Some(1.0))));
@@ -65,14 +68,17 @@ const NPY: &[u8] =
       \x01\x00\x02\x00\x03\x00\x04\x00\x05\x00\x06\x00";
 
 /// Returns a file of each format.
-fn samples() -> [(eit_hw::Format, Vec<u8>); 6] {
+fn samples() -> [(eit_hw::Format, Vec<u8>); 8] {
     let floats = (0..512).flat_map(|index: u16| f32::from(index).to_le_bytes()).collect();
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
     log.extend(b"s\n".iter().chain("1 ".repeat(13).as_bytes()).chain(b"\n"));
     let csv = b"a;b;c\n1;2;3\n# c\n4;5e-3;-6;\n".to_vec();
     let fixed = [(Npy, NPY), (Sciospec, EIT), (Lct, LCT)].map(|(f, bytes)| (f, bytes.to_vec()));
     let [npy, eit, lct] = fixed;
-    [(Csv, csv), npy, eit, lct, (Goe, floats), (SerialLog, log)]
+    let arrays = mat(&[doubles("t", &[1, 1]), compressed(&doubles("v", &[2, 3]))]);
+    let archive =
+        npz(&[("t.npy", &self::npy("(1,)", 1)), ("v.npy", &self::npy("(2, 3)", 6))], true);
+    [(Csv, csv), npy, eit, lct, (Goe, floats), (SerialLog, log), (Mat, arrays), (Npz, archive)]
 }
 
 /// Generates characters that occur in text formats.
@@ -86,8 +92,8 @@ fn samples_are_read() {
     let log = log_options(2, 2, None);
     let eit = ReadOptions { frequency_row: 1, ..ReadOptions::default() };
     let plain = ReadOptions::default();
-    let wanted = [(2, 3), (2, 3), (1, 4), (1, 4), (2, 208), (3, 4)];
-    let options = [&plain, &plain, &eit, &plain, &plain, &log];
+    let wanted = [(2, 3), (2, 3), (1, 4), (1, 4), (2, 208), (3, 4), (2, 3), (2, 3)];
+    let options = [&plain, &plain, &eit, &plain, &plain, &log, &plain, &plain];
     for (((format, bytes), options), wanted) in samples().into_iter().zip(options).zip(wanted) {
         let read = parse(format, bytes, options).unwrap();
         assert_eq!(read.real.dim(), wanted, "{format}");
@@ -132,7 +138,7 @@ proptest! {
         sample in any::<Index>(),
         edits in prop::collection::vec((any::<Index>(), any::<u8>(), 0..3_u8), 1..6),
     ) {
-        let (_, mut bytes) = samples()[sample.index(6)].clone();
+        let (_, mut bytes) = samples()[sample.index(8)].clone();
         for (at, byte, kind) in edits {
             if bytes.is_empty() {
                 break;
@@ -361,7 +367,7 @@ fn joined(table: &Array2<f64>, separator: &str, end: &str) -> String {
 fn any_bytes_in_a_file_of_any_name_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     for (_, bytes) in samples() {
-        for ending in ["csv", "npy", "eit", "get", "txt", "log", "bin", ""] {
+        for ending in ["csv", "npy", "mat", "npz", "eit", "get", "txt", "log", "bin", ""] {
             let path = folder.path().join(format!("frame_1.{ending}"));
             std::fs::write(&path, &bytes).unwrap();
             if let Err(error) = read_recording(&path, None, &eit_hw::ReadOptions::default()) {

@@ -159,6 +159,9 @@ fn resolve(
     sections: &Sections,
     names: &BTreeMap<usize, ElectrodeName>,
 ) -> Result<Resolved, Problem> {
+    if sections.triangles.is_empty() {
+        return Err((0, no_triangle(sections)));
+    }
     let (nodes, node_of_tag) = number_nodes(sections)?;
     let index = |tag: u64, line: usize| match node_of_tag.get(&tag) {
         Some(NodeOfTag { index: Some(index), .. }) => Ok(*index),
@@ -208,6 +211,19 @@ fn resolve(
         });
     }
     Ok(Resolved { nodes, triangles, triangle_lines, electrodes, node_of_tag })
+}
+
+/// Says why Gmsh saved no triangle: it saves the elements of physical groups alone if there are any.
+fn no_triangle(sections: &Sections) -> String {
+    let in_2 = sections.edges.iter().any(|edge| sections.entities.is_none() && edge.group != 0);
+    let mut entities = sections.entities.iter().flatten();
+    if in_2 || entities.any(|(_, entity)| !entity.physical.is_empty()) {
+        "the file has physical groups but no triangle, because Gmsh saves only elements of physical groups: \
+         add a Physical Surface that contains the skin, or set Mesh.SaveAll = 1"
+    } else {
+        "the file has no triangle: mesh the surface before saving (gmsh -2)"
+    }
+    .to_owned()
 }
 
 fn too_many(what: &str) -> String {

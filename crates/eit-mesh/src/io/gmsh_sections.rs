@@ -65,24 +65,27 @@ pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshEr
                 short(&line)
             )));
         };
-        if KNOWN.contains(&name) {
-            if seen.iter().any(|s| s == name) {
-                return Err(lines.error(format!("section ${name} appears twice: remove one")));
+        // version 2 writes its nodes under this name if they have parameters (Mesh.SaveParametric)
+        let kind = if name == "ParametricNodes" { "Nodes" } else { name };
+        if KNOWN.contains(&kind) {
+            if seen.iter().any(|s| s == kind) {
+                return Err(lines.error(format!("section ${kind} appears twice: remove one")));
             }
             if name != "MeshFormat" && seen.first().is_none_or(|s| s != "MeshFormat") {
                 return Err(lines.error(format!("section ${name} comes before $MeshFormat")));
             }
-            seen.push(name.to_string());
+            seen.push(kind.to_string());
         }
         let is_4 = sections.entities.is_some();
-        match name {
+        match kind {
             "MeshFormat" => sections.entities = mesh_format(&mut lines)?,
             "PhysicalNames" => physical_names(&mut lines, &mut sections)?,
             "Entities" if is_4 => entities(&mut lines, &mut sections)?,
             "Nodes" if is_4 => nodes_4(&mut lines, &mut sections)?,
-            "Nodes" => nodes_2(&mut lines, &mut sections)?,
+            "Nodes" => nodes_2(&mut lines, &mut sections, kind != name)?,
             "Elements" if is_4 => elements_4(&mut lines, &mut sections)?,
             "Elements" => elements_2(&mut lines, &mut sections)?,
+            "NOD" | "ELM" => return Err(not_read(&lines, 1.0)),
             "PartitionedEntities" => {
                 return Err(lines.error(
                     "the mesh is partitioned: save it in one part (Gmsh: Mesh, Unpartition)",
@@ -121,11 +124,15 @@ fn mesh_format(lines: &mut Lines<'_>) -> Result<Option<Entities>, MeshError> {
     } else if version == 4.1 {
         Ok(Some(HashMap::new()))
     } else {
-        Err(lines.error(format!(
-            "version {version} is not read: save it as 4.1 or 2.2 \
-             (gmsh IN.msh -save -format msh41 -o OUT.msh)"
-        )))
+        Err(not_read(lines, version))
     }
+}
+
+fn not_read(lines: &Lines<'_>, version: f64) -> MeshError {
+    lines.error(format!(
+        "version {version} is not read: save it as 4.1 or 2.2 \
+         (gmsh IN.msh -save -format msh41 -o OUT.msh)"
+    ))
 }
 
 /// A count, then `dimension tag "name"` lines.
@@ -175,15 +182,21 @@ fn entities(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshEr
     Ok(())
 }
 
-/// A count, then `tag x y z` lines.
-fn nodes_2(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+/// A count, then `tag x y z` lines (followed by an entity and parameters if parametric).
+fn nodes_2(
+    lines: &mut Lines<'_>,
+    sections: &mut Sections,
+    has_parameters: bool,
+) -> Result<(), MeshError> {
     let count = lines.count("Nodes")?;
     for _ in 0..count {
         let line = lines.content("Nodes", "all its nodes are there")?;
         let mut fields = lines.fields(&line);
         let tag = fields.next("the node's tag")?;
         let position_m = fields.position()?;
-        fields.finish()?;
+        if !has_parameters {
+            fields.finish()?;
+        }
         sections.nodes.push(Node { tag, position_m, line: lines.number });
     }
     Ok(())

@@ -267,6 +267,42 @@ fn reads_sparse_tags_and_split_groups() {
     assert_eq!(mesh.electrodes(), [Electrode::Rim(vec![[0, 1], [1, 2]])]);
 }
 
+/// With `Mesh.SaveParametric`, version 2 writes an entity and parameters behind each position.
+#[test]
+fn reads_parametric_nodes_of_version_2() {
+    let text = SMALL_22
+        .replace("$Nodes", "$ParametricNodes")
+        .replace("$EndNodes", "$EndParametricNodes")
+        .replace("900 0 0 0", "900 0 0 0 0 2")
+        .replace("77 1 1 0", "77 1 1 0 1 3 0.5");
+    let mesh = |text: &str| parse_gmsh(text.as_bytes(), "small").unwrap();
+    assert_eq!(mesh(&text), mesh(SMALL_22));
+    refused(
+        &text,
+        "$Comments",
+        "$Nodes\n0\n$EndNodes\n$Comments",
+        16,
+        "section $Nodes appears twice",
+    );
+}
+
+/// Gmsh saves no triangle if curves are physical and the surface is not, or if nothing was meshed.
+#[test]
+fn a_file_without_triangles_names_the_cause() {
+    let triangles = "3 2 2 9 1 900 20 77\n4 2 3 9 1 1 900 77 4000000000000\n";
+    let bare = SMALL_22.replacen("$Elements\n4", "$Elements\n2", 1);
+    refused(&bare, triangles, "", 0, "add a Physical Surface that contains the skin");
+    let error = parse_gmsh(bare.replace(triangles, "").as_bytes(), "bare.msh").unwrap_err();
+    assert!(error.to_string().starts_with("bare.msh: the file has physical groups"), "{error}");
+    let bare = bare.replacen("1 15 2 0 1 900\n2 1 2 -7", "1 15 2 0 1 900\n2 1 2 0", 1);
+    refused(&bare, triangles, "", 0, "no triangle: mesh the surface before saving");
+    let blocks = &SMALL_41[SMALL_41.find("2 1 2 1\n3").unwrap()..];
+    let lines = "1 5 1 1\n4 20 77\n$EndElements\n";
+    let bare = SMALL_41.replacen("5 6 1 6", "3 6 1 6", 1);
+    refused(&bare, blocks, lines, 0, "add a Physical Surface that contains the skin");
+    refused(SMALL_22, "$MeshFormat", "$NOD", 1, "version 1 is not read: save it as 4.1 or 2.2");
+}
+
 /// Asserts that a modified file is rejected at a line with the given words.
 fn refused(base: &str, from: &str, to: &str, line: usize, words: &str) {
     assert!(base.contains(from), "{from} is not in the file");

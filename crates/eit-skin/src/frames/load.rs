@@ -18,13 +18,17 @@ pub(super) struct Loaded {
 pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
     let keys = &skin.settings.recording;
     let protocol = &skin.protocol;
+    let count = protocol.measurements();
     let (format, options) = keys.reading()?;
+    let options = eit_hw::ReadOptions {
+        measurements: Some(skin.layout.value_count().unwrap_or(count)),
+        ..options
+    };
     let mut parts = Vec::new();
     let mut notes = Vec::new();
     let (mut marked_reference, mut ordered_by_file) = (None, true);
     let mut kinds = Vec::new();
     for file in files {
-        let count = protocol.measurements();
         let recording = eit_hw::read_recording(file, format, &options)?;
         let recording = recording.arranged_for(&skin.layout, protocol.quadruples(), count);
         let frames = recording.frames_for(protocol.quadruples(), count, keys.component);

@@ -289,6 +289,8 @@ pub struct RecordingSettings {
     pub format: Option<String>,
     /// How a table is arranged.
     pub frames_are: Option<FrameOrientation>,
+    /// Which array of a file of several has the frames.
+    pub array: Option<String>,
     /// Whether a table holds complex numbers.
     #[serde(default)]
     pub complex: bool,

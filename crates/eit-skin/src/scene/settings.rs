@@ -61,6 +61,7 @@ impl RecordingSettings {
         let mut options = ReadOptions {
             complex: self.complex,
             frames_are: self.frames_are,
+            array: self.array.clone(),
             ..Default::default()
         };
         if let Some(row) = self.frequency_row {

@@ -4,17 +4,20 @@ use std::path::Path;
 
 use super::{MAGIC, MEND};
 use crate::error::{HwError, Place, shortened};
+use crate::readers::number::Kind;
 
 /// Content of the header.
-pub(super) struct Header {
-    pub(crate) first_byte: usize,
-    pub(crate) kind: Kind,
-    pub(crate) fortran: bool,
-    pub(crate) shape: Vec<usize>,
+pub(in crate::readers) struct Header {
+    pub(in crate::readers) first_byte: usize,
+    pub(in crate::readers) kind: Kind,
+    pub(in crate::readers) complex: bool,
+    pub(in crate::readers) fortran: bool,
+    pub(in crate::readers) shape: Vec<usize>,
 }
 
 impl Header {
-    pub(super) fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, HwError> {
+    /// Parses the header; what follows it may be cut off.
+    pub(in crate::readers) fn parse(bytes: &[u8], path: impl AsRef<Path>) -> Result<Self, HwError> {
         let path = path.as_ref();
         let place = || Place::file(path);
         if bytes.is_empty() {
@@ -48,8 +51,8 @@ impl Header {
         };
         let header = String::from_utf8_lossy(header);
         let descr = entry(&header, "descr");
-        let kind = quoted(descr)
-            .and_then(Kind::parse)
+        let (kind, complex) = quoted(descr)
+            .and_then(number)
             .ok_or_else(|| wrong("type", descr, "a number such as '<f8' or '<c16'"))?;
         let order = entry(&header, "fortran_order");
         let fortran = match (order.starts_with("True"), order.starts_with("False")) {
@@ -59,7 +62,13 @@ impl Header {
         };
         let list = entry(&header, "shape");
         let shape = shape(list).ok_or_else(|| wrong("shape", list, "a list such as (4, 208)"))?;
-        Ok(Self { first_byte, kind, fortran, shape })
+        Ok(Self { first_byte, kind, complex, fortran, shape })
+    }
+
+    /// Returns the number of bytes behind the header; `None` if no memory could hold them.
+    pub(in crate::readers) fn data_bytes(&self) -> Option<usize> {
+        let count = self.shape.iter().try_fold(1_usize, |count, &size| count.checked_mul(size))?;
+        count.checked_mul(self.kind.size)?.checked_mul(if self.complex { 2 } else { 1 })
     }
 }
 
@@ -91,74 +100,12 @@ fn shape(text: &str) -> Option<Vec<usize>> {
     sizes.split(',').map(|size| size.trim().trim_end_matches('L').parse().ok()).collect()
 }
 
-/// Type of a stored number, or of either part of a complex one.
-#[derive(Clone, Copy)]
-pub(super) struct Kind {
-    number: Number,
-    pub complex: bool,
-    big_endian: bool,
-    /// Number of bytes of one part: 1, 2, 4 or 8.
-    pub size: usize,
-}
-
-#[derive(Clone, Copy)]
-enum Number {
-    Float,
-    Signed,
-    Unsigned,
-}
-
-impl Kind {
-    /// Parses a type such as `<f8`.
-    fn parse(descr: &str) -> Option<Self> {
-        let (order, rest) = match descr.as_bytes().first()? {
-            b'<' | b'|' | b'=' => (false, &descr[1..]),
-            b'>' => (true, &descr[1..]),
-            _ => (false, descr),
-        };
-        let (number, complex, size) = match rest {
-            "f4" => (Number::Float, false, 4),
-            "f8" => (Number::Float, false, 8),
-            "c8" => (Number::Float, true, 4),
-            "c16" => (Number::Float, true, 8),
-            "i1" => (Number::Signed, false, 1),
-            "i2" => (Number::Signed, false, 2),
-            "i4" => (Number::Signed, false, 4),
-            "i8" => (Number::Signed, false, 8),
-            "u1" => (Number::Unsigned, false, 1),
-            "u2" => (Number::Unsigned, false, 2),
-            "u4" => (Number::Unsigned, false, 4),
-            "u8" => (Number::Unsigned, false, 8),
-            _ => return None,
-        };
-        Some(Self { number, complex, big_endian: order, size })
-    }
-
-    pub(super) const fn parts(self) -> usize {
-        if self.complex { 2 } else { 1 }
-    }
-
-    pub(super) const fn bytes(self) -> usize {
-        self.parts() * self.size
-    }
-
-    /// Decodes one part from its `size` bytes. Integers beyond 2^53 are rounded.
-    pub(super) fn value(self, bytes: &[u8]) -> f64 {
-        // the number in the low bytes of 8, least significant first
-        let mut wide = [0; 8];
-        for (slot, index) in wide.iter_mut().zip(0..bytes.len()) {
-            *slot = bytes[if self.big_endian { bytes.len() - 1 - index } else { index }];
-        }
-        let raw = u64::from_le_bytes(wide);
-        match self.number {
-            // only the low 4 bytes are filled
-            Number::Float if self.size == 4 => f64::from(f32::from_bits(raw as u32)),
-            Number::Float => f64::from_bits(raw),
-            Number::Unsigned => raw as f64,
-            Number::Signed => {
-                let unused = 64 - 8 * self.size as u32;
-                ((raw << unused) as i64 >> unused) as f64
-            }
-        }
+/// Parses a type such as `<f8`, and whether numbers are pairs of it.
+fn number(descr: &str) -> Option<(Kind, bool)> {
+    let big_endian = descr.starts_with('>');
+    match descr.trim_start_matches(['<', '>', '|', '=']) {
+        "c8" => Some((Kind::parse("f4", big_endian)?, true)),
+        "c16" => Some((Kind::parse("f8", big_endian)?, true)),
+        name => Some((Kind::parse(name, big_endian)?, false)),
     }
 }

@@ -1,5 +1,6 @@
 //! Orders of measurements, and helpers shared by several test files.
 
+pub mod arrays;
 pub mod instruments;
 pub mod recordings;
 pub mod wire;
