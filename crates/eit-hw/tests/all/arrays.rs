@@ -141,6 +141,12 @@ fn the_array_that_fits_the_protocol_is_read() {
         [[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 4, 5], [1, 2, 3, 4], [1, 2, 4, 5], [1, 2, 5, 0]];
     let frames = lines.arranged_for(Some(&quadruples), 6);
     assert_eq!(frames.real, array![[0.0, 2.0, 4.0, 1.0, 3.0, 5.0]]);
+    // the same as the one frame, which is turned
+    let one = ReadOptions { frames_are: Some(FrameOrientation::Matrix), ..plain() };
+    let turned = parse(Format::Npy, npy("(2, 3)", 6), &one).unwrap();
+    let turned = turned.arranged_for(Some(&quadruples), 6);
+    assert_eq!(turned.real, array![[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]]);
+    assert_eq!(turned.notes, [Note::Turned { drives: 2 }]);
     // what is stated holds; a single table needs no protocol, and one that does not fit is read to be compared
     let stated = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..of_protocol(6) };
     refused(parse(Mat, with(&[5, 6]), &stated), &["no array has frames", "6 measurements"]);
