@@ -139,12 +139,12 @@ fn the_array_that_fits_the_protocol_is_read() {
     let lines = parse(Mat, with(&[2, 3]), &of_protocol(6)).unwrap();
     let quadruples =
         [[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 4, 5], [1, 2, 3, 4], [1, 2, 4, 5], [1, 2, 5, 0]];
-    let frames = lines.arranged_for(Some(&quadruples), 6);
+    let frames = lines.arranged_for(&eit_hw::Layout::ProtocolOrder, Some(&quadruples), 6);
     assert_eq!(frames.real, array![[0.0, 2.0, 4.0, 1.0, 3.0, 5.0]]);
     // the same as the one frame, which is turned
     let one = ReadOptions { frames_are: Some(FrameOrientation::Matrix), ..plain() };
     let turned = parse(Format::Npy, npy("(2, 3)", 6), &one).unwrap();
-    let turned = turned.arranged_for(Some(&quadruples), 6);
+    let turned = turned.arranged_for(&eit_hw::Layout::ProtocolOrder, Some(&quadruples), 6);
     assert_eq!(turned.real, array![[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]]);
     assert_eq!(turned.notes, [Note::Turned { drives: 2 }]);
     // what is stated holds; a single table needs no protocol, and one that does not fit is read to be compared
