@@ -177,7 +177,7 @@ fn total_variation(
     method: Method,
     recording: &SimulatedSequence,
 ) -> Result<(Array2<f64>, Times)> {
-    let bounded = BoundedMethod { method, lower_s: model.settings().lower_s };
+    let bounded = BoundedMethod { method, lower_s: model.settings().lower_s, is_paper: false };
     let settings = bounded.settings(model, Rule::NoiseFigure);
     let fitted = model.fit(&recording.frames, recording.noise_std_v, settings);
     let (mut set_up, mut choice) = (Vec::new(), Vec::new());

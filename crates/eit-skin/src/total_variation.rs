@@ -219,12 +219,11 @@ fn reconstruct(
         progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
     movie.rank = solver.rank();
     let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
-    let length_m = time_length_m(raster);
     // numbers in the scene refer to the noise alone
     let factor = movie.noise.as_ref().map_or(1.0, DataNoise::per_known);
     let of_recording = |error| part.of_recording(in_known_noise(error, factor));
     let mut weights = progress
-        .stage("weights", || weights(&mut solver, keys, &differences, length_m, movie.used))?;
+        .stage("weights", || weights(&mut solver, keys, &differences, raster, movie.used))?;
     let found = progress
         .stage("total variation", || solver.solve(&differences, &stop(keys)))
         .map_err(of_recording)?;
@@ -268,18 +267,27 @@ fn weighting(
     })
 }
 
-/// Sets the scene's weights, or chooses them by the noise.
-fn weights(
+/// Sets the scene's weights, or chooses them by the noise; `used` is the number of measurements.
+///
+/// # Errors
+///
+/// Those of [`chosen_weights`].
+pub fn weights(
     solver: &mut StTv,
     keys: &ReconstructionSettings,
     frames: &DifferenceFrames<'_>,
-    length_m: f64,
+    raster: &Raster,
     used: usize,
 ) -> Result<Weights, SkinError> {
     let delta = keys.delta.map(|delta| match delta {
         Delta::Value(value) => value,
-        Delta::Rule(DeltaRule::Noise) => (used as f64).sqrt(),
+        Delta::Rule(DeltaRule::Noise | DeltaRule::Paper) => (used as f64).sqrt(),
     });
+    let length_m = match keys.delta {
+        // sums over pixels: lambda_space pixel |dx| and lambda_time pixel^2 |dx|
+        Some(Delta::Rule(DeltaRule::Paper)) => raster.pixel_m(),
+        _ => time_length_m(raster),
+    };
     if delta.is_none() && keys.lambda_space.is_none() {
         return chosen_weights(solver, frames, length_m);
     }
@@ -294,6 +302,7 @@ fn weights(
     solver.set_weights(lambda_space, lambda_time, fidelity)?;
     let rule = match keys.delta {
         Some(Delta::Rule(DeltaRule::Noise)) => "delta by the noise",
+        Some(Delta::Rule(DeltaRule::Paper)) => "equation (7) of the paper, delta by the noise",
         _ => "fixed by the scene",
     };
     Ok(Weights { lambda_space, lambda_time, delta, rule: rule.to_owned(), chosen: None })

@@ -152,6 +152,15 @@ fn the_scene_chooses() {
     let again = fixture.run_keys(&format!("{keys}delta = {delta:e}\n{noise}")).0;
     // both within 1e-2 of one optimum
     assert!(apart(&images, &again) <= 0.1, "{}: {report}", apart(&images, &again));
+    // and its equation (7): sums over pixels of differences in space and in time have equal weights
+    let (_, report) = fixture.run_keys(&format!("{keys}delta = \"paper\"\n{noise}"));
+    let weights = &report["weights"];
+    let weight = |name: &str| weights[name].as_f64().unwrap();
+    // the disc of 0.1 m has 24 pixels across
+    let pixel_m = weight("lambda_space") / weight("lambda_time");
+    assert!((pixel_m - 0.2 / 24.0).abs() < 1e-12, "{pixel_m}");
+    assert_eq!(weight("delta"), delta);
+    assert!(weights["rule"].as_str().unwrap().contains("equation (7)"), "{weights}");
     // weights from a report give the same images when stated in the scene: with known noise, which the model
     // error raised, and with unknown noise
     for noise in [noise.as_str(), ""] {

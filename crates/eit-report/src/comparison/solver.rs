@@ -5,7 +5,7 @@ use crate::error::ReportError;
 use eit_inverse::{DifferenceFrames, SequenceReport, SequenceSolver, StTv, Stop};
 use eit_mesh::Raster;
 use eit_skin::method::Method;
-use eit_skin::scene::{Hyperparameter, ReconstructionSettings, Rule};
+use eit_skin::scene::{Delta, DeltaRule, Hyperparameter, ReconstructionSettings, Rule};
 use eit_skin::{FittedFrames, Progress, sequence, total_variation};
 use ndarray::Array2;
 use std::time::Instant;
@@ -17,22 +17,30 @@ pub struct BoundedMethod {
     pub method: Method,
     /// Lower bound on the change of conductivity; used only by total variation here.
     pub lower_s: Option<f64>,
+    /// Whether total variation is that of equation (7) of the paper: equal weights of space and time, a radius for each frame.
+    pub is_paper: bool,
 }
 
 impl BoundedMethod {
     /// A method without a bound.
     pub(crate) const fn free(method: Method) -> Self {
-        Self { method, lower_s: None }
+        Self { method, lower_s: None, is_paper: false }
+    }
+
+    /// Equation (7) of the paper.
+    pub(crate) const fn paper() -> Self {
+        Self { method: Method::StTv, lower_s: None, is_paper: true }
     }
 
     /// With the knowledge that touches only raise the conductivity.
     pub(crate) const fn rising(method: Method) -> Self {
-        Self { method, lower_s: Some(0.0) }
+        Self { method, lower_s: Some(0.0), is_paper: false }
     }
 
     /// Name in tables and legends.
     pub fn name(self) -> String {
         match self.lower_s {
+            None if self.is_paper => format!("{}, eq. 7", self.method.name()),
             None => self.method.name().to_owned(),
             Some(_) => format!("{} ≥ 0", self.method.name()),
         }
@@ -44,6 +52,10 @@ impl BoundedMethod {
         let mut settings = model.settings().clone();
         settings.hyperparameter = Some(Hyperparameter::Rule(rule));
         settings.lower_s = self.lower_s;
+        if self.is_paper {
+            settings.delta = Some(Delta::Rule(DeltaRule::Paper));
+            (settings.lambda_space, settings.lambda_time) = (None, None);
+        }
         settings
     }
 }
@@ -136,9 +148,20 @@ impl<'a> Solver<'a> {
         let set_up_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
         let differences = DifferenceFrames::all_good(values.view());
-        let length_m = total_variation::time_length_m(raster);
-        let weights = total_variation::chosen_weights(&mut solver, &differences, length_m)?;
-        let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
+        let weights = match settings.delta {
+            Some(Delta::Rule(DeltaRule::Paper)) => {
+                let used = used.iter().filter(|used| **used).count();
+                total_variation::weights(&mut solver, settings, &differences, raster, used)?
+            }
+            _ => {
+                let length_m = total_variation::time_length_m(raster);
+                total_variation::chosen_weights(&mut solver, &differences, length_m)?
+            }
+        };
+        let choice = match weights.delta {
+            Some(delta) => format!("delta {delta:.1}, {}", weights.rule),
+            None => format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule),
+        };
         let (rank, choice_s) = (solver.rank(), start.elapsed().as_secs_f64());
         let algorithm = Algorithm::TotalVariation(Box::new(solver));
         Ok(Self { raster, algorithm, cost: SetUpCost { set_up_s, choice_s, choice }, rank })

@@ -14,9 +14,10 @@ use problem::InverseProblem;
 use recorded::{on_elements, total_variation};
 use serde::Serialize;
 
-/// Total variation of a sequence and of single frames, with and without knowledge of the fabric.
-const SEQUENCE_METHODS: [BoundedMethod; 3] = [
+/// Total variation of a sequence, also as in the paper, and of single frames, with and without knowledge of the fabric.
+const SEQUENCE_METHODS: [BoundedMethod; 4] = [
     BoundedMethod::free(Method::StTv),
+    BoundedMethod::paper(),
     BoundedMethod::rising(Method::StTv),
     BoundedMethod::rising(Method::Tv),
 ];

@@ -2,10 +2,10 @@
 //!
 //! The crates that build shapes, electrodes and protocols check those.
 
-use super::ValueKind;
 use super::{
     Delta, ElementOrder, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
 };
+use super::{DeltaRule, ValueKind};
 use crate::error::SkinError;
 use crate::method::Method;
 use std::ops::RangeInclusive;
@@ -254,6 +254,7 @@ impl Scene {
             let is_file = self.skin.shape == Shape::Mesh;
             match (key, key.split_once('.')) {
                 (MESH_FILE, _) => is_file,
+                (PAPER, _) => self.reconstruction.delta == Some(Delta::Rule(DeltaRule::Paper)),
                 (OTHER_VALUES, _) => self.recording.values != ValueKind::Voltage,
                 (GROUND, _) => self.protocol.measure.as_deref() == Some("ground"),
                 // such a file is used unchanged
@@ -311,6 +312,7 @@ const OWN_ELECTRODES: &str = "skin.shape = \"mesh\" without positions_m";
 const FREQUENCY: &str = "protocol.frequency_hz";
 const STIMULATION: &str = "protocol.stimulation_file";
 const QUADRUPLES: &str = "protocol.quadruples_file";
+const PAPER: &str = "reconstruction.delta = \"paper\"";
 const OTHER_VALUES: &str = "recording.values other than \"voltage\"";
 const GROUND: &str = "protocol.measure = \"ground\"";
 const POSITIONS: &str = "electrodes.positions_m";
@@ -318,7 +320,7 @@ const FIRST_ANGLE: &str = "electrodes.first_angle_deg";
 const ACCURACY: &str = "mesh.required_accuracy";
 
 /// Keys that exclude each other.
-const EXCLUSIVE: [[&str; 2]; 27] = [
+const EXCLUSIVE: [[&str; 2]; 29] = [
     ["protocol.drive", "protocol.pairs"],
     ["protocol.drive", QUADRUPLES],
     ["protocol.drive", STIMULATION],
@@ -329,6 +331,8 @@ const EXCLUSIVE: [[&str; 2]; 27] = [
     ["protocol.measure", STIMULATION],
     // differences of other values than voltages mean nothing
     [GROUND, OTHER_VALUES],
+    [PAPER, "reconstruction.lambda_space"],
+    [PAPER, "reconstruction.lambda_time"],
     [POSITIONS, FIRST_ANGLE],
     ["skin.radius_m", "skin.width_m"],
     ["skin.radius_m", "skin.outline"],

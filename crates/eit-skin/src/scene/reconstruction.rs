@@ -88,7 +88,7 @@ impl ReconstructionSettings {
 
 /// `reconstruction.delta`: a number, or derived from the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
-#[serde(untagged, expecting = "a number, or \"noise\"")]
+#[serde(untagged, expecting = "a number, \"noise\" or \"paper\"")]
 pub enum Delta {
     /// Stated as a number.
     Value(f64),
@@ -102,6 +102,8 @@ pub enum Delta {
 pub enum DeltaRule {
     /// The square root of the number of measurements.
     Noise,
+    /// The same, and equation (7) of the paper: a pixel's change from frame to frame weighs as much as its differences in space.
+    Paper,
 }
 
 /// Kind of prior (`reconstruction.prior`).

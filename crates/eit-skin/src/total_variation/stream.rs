@@ -4,7 +4,7 @@
 //! untouched skin by then. The weights are therefore those of a synthetic touch ([`synthetic_touch`]): a
 //! fingertip that moves over the skin, simulated by the linear model with the measured noise.
 
-use super::{Weights, solver, stop, time_length_m, weights};
+use super::{Weights, solver, stop, weights};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::method::Method;
@@ -161,7 +161,7 @@ fn stream(
     };
     let differences = DifferenceFrames { values: expected.view(), good: Some(good.view()) };
     let mut trial = with(&raised)?;
-    let mut weights = weights(&mut trial, keys, &differences, time_length_m(raster), used)?;
+    let mut weights = weights(&mut trial, keys, &differences, raster, used)?;
     // the stream weights by the noise alone, to distinguish a quiet skin from a faint touch
     let factor = raised.model_error;
     weights.rescale(factor * factor);
