@@ -4,10 +4,13 @@
 mod advice;
 
 #[cfg(feature = "first-scene")]
-pub(crate) use advice::Judge;
+pub(crate) use advice::{Judge, of_zeros};
 
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::Layout;
+
+/// Most electrodes whose skip-N patterns are tried: there are as many squared frames of numbers.
+const MOST_SKIPPED: usize = 64;
 
 /// One way to arrange a frame.
 #[derive(Debug, Clone)]
@@ -82,8 +85,8 @@ pub(crate) fn arrangements(
     let mut drives: Vec<PairPattern> = own.cloned().into_iter().collect();
     drives.push(PairPattern::Adjacent);
     // skip-N beyond half of the electrodes equals skip-M from the other side; half is "opposite"
-    drives
-        .extend((1..).take_while(|between| 2 * (between + 1) < electrodes).map(PairPattern::Skip));
+    let is_other = |between: &usize| 2 * (between + 1) < electrodes && electrodes <= MOST_SKIPPED;
+    drives.extend((1..).take_while(is_other).map(PairPattern::Skip));
     drives.extend(electrodes.is_multiple_of(2).then_some(PairPattern::Opposite));
     let mut found: Vec<Arrangement> = Vec::new();
     let either = [DrivenElectrodes::Drop, DrivenElectrodes::Keep];

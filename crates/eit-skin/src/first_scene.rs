@@ -25,7 +25,7 @@ pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};
 pub use protocols::{FittingProtocol, OffPlace, fitting_protocols, is_frame};
 pub(crate) use protocols::{is_signed, undriven};
-pub(crate) use transfer::{PairMatrix, Transfer};
+pub(crate) use transfer::PairMatrix;
 
 use crate::arrangement;
 use crate::error::SkinError;

@@ -1,7 +1,7 @@
 //! What to set for frames with another number of values than the scene's protocol.
 
 use super::{Arrangement, against_ground, arrangements};
-use crate::first_scene::{PairMatrix, Transfer, is_signed, undriven};
+use crate::first_scene::{PairMatrix, is_signed, undriven};
 use crate::frames::ALIKE;
 use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol};
@@ -30,6 +30,13 @@ pub(crate) struct Judge<'a> {
     untouched: PairMatrix,
 }
 
+/// What to set for a frame that zeros show to be of potentials; solves nothing for others.
+pub(crate) fn of_zeros(skin: &Skin, frame: &[f64]) -> Option<String> {
+    drives_of_zeros(skin.mesh.electrodes().len(), frame)?;
+    let judge = Judge::new(skin)?;
+    judge.judged_zeros(frame)?.words(judge.scene, frame.len())
+}
+
 /// An arrangement, how well it explains a frame, and whether zeros in the frame told the driven pairs.
 struct Judged {
     arrangement: Arrangement,
@@ -41,7 +48,7 @@ impl<'a> Judge<'a> {
     /// Solves for the untouched skin; `None` if the scene's protocol is not one of pairs, or the skin cannot be solved.
     pub(crate) fn new(skin: &'a Skin) -> Option<Self> {
         let scene = skin.pairs.as_ref()?;
-        let untouched = Transfer::new(skin, skin.current_a).ok()?.untouched();
+        let untouched = PairMatrix::untouched(skin, skin.current_a).ok()?;
         Some(Self { skin, scene, untouched })
     }
 
@@ -69,11 +76,6 @@ impl<'a> Judge<'a> {
         let directed = directed(&self.untouched, electrodes, frame, drives);
         let keep = DrivenElectrodes::Keep;
         Some(self.judged(against_ground(electrodes, frame.len(), directed, keep)?, true, frame))
-    }
-
-    /// What to set for a frame that zeros show to be of potentials.
-    pub(crate) fn of_zeros(&self, frame: &[f64]) -> Option<String> {
-        self.judged_zeros(frame)?.words(self.scene, frame.len())
     }
 
     /// The arrangement that explains a frame best; of equals the most usual. Zeros where current flows are no chance.

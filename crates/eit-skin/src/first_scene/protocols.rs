@@ -1,6 +1,6 @@
 //! Pair protocols that match what a board prints.
 
-use super::transfer::{PairMatrix, Placing, Transfer};
+use super::transfer::{PairMatrix, Placing};
 use super::{FirstScene, Outline};
 use crate::arrangement::arrangements;
 use crate::error::SkinError;
@@ -168,7 +168,7 @@ impl Untouched {
         let mut scene = FirstScene::new(outline, electrodes).scene()?;
         scene.mesh.nodes = Some(NODES);
         let skin = Skin::from_scene(scene)?;
-        let matrix = Transfer::new(&skin, PairProtocol::default().current_a)?.untouched();
+        let matrix = PairMatrix::untouched(&skin, PairProtocol::default().current_a)?;
         Ok(Self { matrix, electrodes, is_round: matches!(outline, Outline::Disc { .. }) })
     }
 

@@ -18,6 +18,13 @@ use ndarray::{Array1, Array2};
 pub(crate) struct PairMatrix(Array2<f64>);
 
 impl PairMatrix {
+    /// `G` of the untouched skin.
+    pub(crate) fn untouched(skin: &Skin, current_a: f64) -> Result<Self, SkinError> {
+        let model = of_all_pairs(skin, current_a)?;
+        let voltages = model.forward(&skin.background_s())?;
+        Ok(Self::new(skin.mesh.electrodes().len(), &voltages.to_vec()))
+    }
+
     fn new(places: usize, pairs: &[f64]) -> Self {
         Self(Array2::from_shape_fn((places, places), |(i, j)| match pair(i.min(j), i.max(j)) {
             Some(pair) => pairs[pair],
@@ -35,13 +42,22 @@ impl PairMatrix {
     }
 }
 
+/// The model of all entries of `G` on or below its diagonal, but for row 0.
+fn of_all_pairs(skin: &Skin, current_a: f64) -> Result<ForwardModel, SkinError> {
+    let places = skin.mesh.electrodes().len();
+    let quadruples: Vec<[u32; 4]> =
+        (1..places as u32).flat_map(|high| (1..=high).map(move |low| [0, low, 0, high])).collect();
+    let protocol = Protocol::from_quadruples(places, &quadruples, current_a)?;
+    Ok(ForwardModel::new(&skin.mesh, &protocol, &skin.contact_impedance)?)
+}
+
 /// Number of the entry of `G` below or on its diagonal; `None` in row 0.
 fn pair(low: usize, high: usize) -> Option<usize> {
     (low > 0).then(|| high * (high - 1) / 2 + low - 1)
 }
 
 /// The untouched skin, and how it responds to presses.
-pub(crate) struct Transfer {
+pub(super) struct Transfer {
     places: usize,
     voltages: Vec<f64>,
     /// `[pair, element]`
@@ -50,12 +66,7 @@ pub(crate) struct Transfer {
 
 impl Transfer {
     pub(crate) fn new(skin: &Skin, current_a: f64) -> Result<Self, SkinError> {
-        let places = skin.mesh.electrodes().len();
-        let all = 1..places as u32;
-        let quadruples: Vec<[u32; 4]> =
-            all.flat_map(|high| (1..=high).map(move |low| [0, low, 0, high])).collect();
-        let protocol = Protocol::from_quadruples(places, &quadruples, current_a)?;
-        let model = ForwardModel::new(&skin.mesh, &protocol, &skin.contact_impedance)?;
+        let (places, model) = (skin.mesh.electrodes().len(), of_all_pairs(skin, current_a)?);
         let mut workspace = model.workspace()?;
         let mut solution = model.solve(&skin.background_s(), &mut workspace)?;
         let voltages = solution.measurements().to_vec();

@@ -16,6 +16,15 @@ pub(crate) fn check(
     let Some(quadruples) = skin.protocol.quadruples() else { return Ok(None) };
     let own = eit_hw::reciprocity_error(quadruples, mean);
     let (false, Some(pairs)) = (loaded.ordered_by_file, &skin.pairs) else { return Ok(own) };
+    if let OrderVerdict::Consistent { .. } = eit_hw::recognise_order(mean, quadruples, &[]) {
+        return Ok(own);
+    }
+    if let Some(advice) = of_zeros(skin, mean).filter(|_| skin.check_order) {
+        return Err(SkinError::input(format!(
+            "the values are not measurements of pairs: {advice}; or set [protocol] check_order = false to continue"
+        )));
+    }
+    let Some(ours) = own else { return Ok(own) };
     let others = arrangements(skin.mesh.electrodes().len(), mean.len(), Some(&pairs.drive));
     let others = others.into_iter().filter(|other| other.ground.is_none());
     let others: Vec<_> = others.filter_map(|other| Some((other.keys(pairs)?, other))).collect();
@@ -24,18 +33,12 @@ pub(crate) fn check(
     let better = match eit_hw::recognise_order(mean, quadruples, &named) {
         OrderVerdict::Other { .. } if !skin.check_order => return Ok(own),
         OrderVerdict::Other { better, .. } => better,
-        OrderVerdict::Unclear { .. } => Vec::new(),
-        OrderVerdict::Consistent { .. } => return Ok(own),
+        _ => Vec::new(),
     };
-    if let Some(advice) = of_zeros(skin, mean).filter(|_| skin.check_order) {
-        return Err(SkinError::input(format!(
-            "the values are not measurements of pairs: {advice}; or set [protocol] check_order = false to continue"
-        )));
-    }
-    let Some(ours) = own else { return Ok(own) };
+    let explains = (!better.is_empty()).then(|| explains(skin, mean));
     let fits = |setting: &str| {
         let other = others.iter().find(|(keys, _)| keys == setting);
-        other.is_some_and(|(_, other)| explains(skin, other, mean))
+        other.zip(explains.as_ref()).is_some_and(|((_, other), explains)| explains(other))
     };
     match better.iter().find(|other| fits(&other.setting)) {
         Some(best) => Err(SkinError::input(format!(
@@ -57,15 +60,15 @@ pub(crate) fn check(
 
 /// Whether the untouched skin has such levels: reciprocity alone also holds for orders that are merely as symmetric.
 #[cfg(feature = "first-scene")]
-fn explains(skin: &Skin, other: &Arrangement, mean: &[f64]) -> bool {
+fn explains<'a>(skin: &'a Skin, mean: &'a [f64]) -> impl Fn(&Arrangement) -> bool + use<'a> {
     let judge = crate::arrangement::Judge::new(skin);
-    judge.is_none_or(|judge| judge.correlation(other, mean) >= super::ALIKE)
+    move |other| judge.as_ref().is_none_or(|judge| judge.correlation(other, mean) >= super::ALIKE)
 }
 
 /// What to set where zeros in the frame show that values are potentials.
 #[cfg(feature = "first-scene")]
 fn of_zeros(skin: &Skin, mean: &[f64]) -> Option<String> {
-    crate::arrangement::Judge::new(skin)?.of_zeros(mean)
+    crate::arrangement::of_zeros(skin, mean)
 }
 
 #[cfg(not(feature = "first-scene"))]
@@ -74,6 +77,6 @@ fn of_zeros(_: &Skin, _: &[f64]) -> Option<String> {
 }
 
 #[cfg(not(feature = "first-scene"))]
-fn explains(_: &Skin, _: &Arrangement, _: &[f64]) -> bool {
-    true
+fn explains(_: &Skin, _: &[f64]) -> impl Fn(&Arrangement) -> bool {
+    |_| true
 }
