@@ -274,7 +274,15 @@ impl Source {
             && let Ok(skin) = Skin::from_scene(scene.clone())
         {
             // once converted, its values have the names of the scene's electrodes
-            self.notes.extend(skin.check_order(&settings.input)?);
+            let mean = table.real.columns().into_iter().map(|column| {
+                let known = || column.iter().filter(|value| value.is_finite());
+                // 0 / 0 where none is known
+                known().sum::<f64>() / known().count() as f64
+            });
+            let mean: Vec<f64> = mean.collect();
+            if mean.len() == skin.protocol.measurements() {
+                self.notes.extend(skin.check_order(&mean)?);
+            }
         }
         if let Some(protocol) = protocol {
             let map = table.map_for(protocol.quadruples(), protocol.measurements())?;

@@ -10,6 +10,7 @@ pub(crate) mod line;
 mod number;
 mod preset;
 
+pub(crate) use decoder::PAUSES;
 pub use decoder::{Decoder, Event, Fault};
 pub(crate) use format::MAX_VALUES;
 pub use format::{Framing, MAX_LINE_BYTES, TextFormat};

@@ -348,19 +348,27 @@ fn frames_of_several_lines_are_between_pauses() {
         found.join(" ")
     };
     let whole = "[1.0, 2.0, 3.0, 4.0]";
-    // the pieces begin in the middle of a line
+    // three make sure of their number of lines; the pieces begin in the middle of a line
+    let three = "9\n\n1,2\n3,4\n\n1,2\n3,4\n\n1,2\n3,4\n\n";
+    let single = "9\n\n1,2,3,4\n\n1,2,3,4\n";
+    let pause = ["", "", "1,2\n3,4\n", "", ""];
     for (pieces, wanted) in [
-        (&["9\n\n1,2\n3,4\n\n1\n2\n3\n4\n\n"][..], format!("{whole} {whole}")),
-        (&["9\r\n\r\n1,2\r\n3,4\r\n\r\n"], whole.to_owned()),
-        (&["9\n", "", "1,2\n3,4\n", "", "1,2\n3,4\n", ""], format!("{whole} {whole}")),
-        // an end is missing, so is a part
-        (&["9\n", "", "1,2\n3,4\n1,2\n", "", "1,2\n", ""], "2 2".to_owned()),
+        (&[three][..], whole.to_owned()),
+        (&[&three.replace('\n', "\r\n")[..]], whole.to_owned()),
+        (&["9\n\n1\n2\n3\n4\n\n1\n2\n3\n4\n\n1\n2\n3\n4\n\n"], whole.to_owned()),
+        (&[three, "1,2\n3,4\n", "", ""], format!("{whole} {whole}")),
+        (&[&["9\n"][..], &pause, &pause, &pause].concat(), whole.to_owned()),
+        // one empty read is no pause
+        (&[three, "1,2\n", "", "3,4\n\n"], format!("{whole} {whole}")),
+        // an end is missing, so is a part, and another number of lines
+        (&[three, "1,2\n3,4\n1,2\n\n1,2\n\n1\n2\n3,4\n\n"], format!("{whole} 2 2")),
         // nothing says which is the first; carriage returns are no empty lines
-        (&["9\r\n1,2\r\n3,4\r\n"], "2 2".to_owned()),
-        // lines that are frames, one cut short between them
-        (&["9\n", "", "1,2\n1,2,3,4\n", "", "1,2,3,4\n"], format!("2 {whole} {whole}")),
+        (&["9\r\n1,2\r\n3,4\r\n1,2\r\n3,4\r\n"], "2 2 2 2".to_owned()),
+        // lines that are frames: nothing else is one
+        (&[single, "\n1,2\n3,4\n\n1,2\n1,2,3,4\n"], format!("{whole} {whole} 2 2 2 {whole}")),
+        (&["9\n\n1,2\n1,2,3,4\n"], format!("2 {whole}")),
         // a pause within a line
-        (&["9\n1,2,", "", "3,4\n"], whole.to_owned()),
+        (&[three, "1,2\n3", "", "", ",4\n\n"], format!("{whole} {whole}")),
     ] {
         let found = read(pieces).replace("Skipped(TruncatedStart)", "");
         assert_eq!(found.trim(), wanted, "{pieces:?}");

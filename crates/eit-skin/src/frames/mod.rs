@@ -24,7 +24,7 @@ use eit_hw::{MeasuredFrames, Quality};
 use eit_inverse::noise_std_of_quiet_frames;
 use ndarray::{Array2, Axis};
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Frames that are ready for reconstruction.
 #[derive(Debug, Clone)]
@@ -102,15 +102,17 @@ impl Skin {
         assemble(self, loaded, found)
     }
 
-    /// Checks whether the frames of a file are in the order of the protocol, by their reciprocity and levels; returns notes.
+    /// Checks whether values of a file are in the order of the protocol, by the reciprocity and levels of their mean over frames;
+    /// returns notes.
     ///
     /// # Errors
     ///
-    /// A file that cannot be read; a wrong number or order of measurements.
-    pub fn check_order(&self, file: &Path) -> Result<Vec<String>, SkinError> {
-        let loaded = read(self, &[file.to_path_buf()])?;
+    /// Another order.
+    pub fn check_order(&self, mean: &[f64]) -> Result<Vec<String>, SkinError> {
+        let kind = self.settings.recording.values;
+        let voltages: Vec<f64> = mean.iter().map(|value| kind.voltage(*value)).collect();
         let mut notes = Vec::new();
-        order::check(self, &loaded, &loaded.frames.mean_frame(), &mut notes)?;
+        order::check(self, false, &voltages, &mut notes)?;
         Ok(notes)
     }
 
@@ -186,7 +188,7 @@ fn assemble(
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();
-    let reciprocity_error = order::check(skin, &loaded, &mean, &mut notes)?;
+    let reciprocity_error = order::check(skin, loaded.ordered_by_file, &mean, &mut notes)?;
     let reasons = reasons_to_leave_out(skin, &loaded, &found);
     let mut used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
     for why in [Unused::Driven, Unused::Zero, Unused::BadReference, Unused::MostlyBad] {

@@ -1,6 +1,5 @@
 //! Checks by reciprocity whether the data is in the scene's order; never reorders anything.
 
-use super::load::Loaded;
 use crate::arrangement::{Arrangement, arrangements};
 use crate::error::SkinError;
 use crate::skin::Skin;
@@ -9,13 +8,13 @@ use eit_hw::OrderVerdict;
 /// Compares the order of the data with other orders; returns the reciprocity error in the scene's order.
 pub(crate) fn check(
     skin: &Skin,
-    loaded: &Loaded,
+    ordered_by_file: bool,
     mean: &[f64],
     notes: &mut Vec<String>,
 ) -> Result<Option<f64>, SkinError> {
     let Some(quadruples) = skin.protocol.quadruples() else { return Ok(None) };
     let own = eit_hw::reciprocity_error(quadruples, mean);
-    let (false, Some(pairs)) = (loaded.ordered_by_file, &skin.pairs) else { return Ok(own) };
+    let (false, Some(pairs)) = (ordered_by_file, &skin.pairs) else { return Ok(own) };
     if let OrderVerdict::Consistent { .. } = eit_hw::recognise_order(mean, quadruples, &[]) {
         return Ok(own);
     }

@@ -6,6 +6,11 @@ use super::number::Number;
 use crate::error::HwError;
 use crate::frame::Quality;
 
+/// Number of pushes without bytes that are a pause.
+pub(crate) const PAUSES: usize = 2;
+/// Number of frames of several lines in a row, with as many lines, from which on they are passed on.
+const ALIKE: usize = 3;
+
 /// Outcome of decoding the bytes received so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event<'a> {
@@ -57,8 +62,9 @@ pub enum Fault {
 
 /// Decodes lines of numbers.
 ///
-/// Frames without marks are lines, or the lines between two empty ones, or between two pauses: [`push`](Self::push) with no bytes. A
-/// frame of several lines is known to be whole once the next empty line or pause has come.
+/// Frames without marks are lines, or the lines between two empty ones, or between two pauses: [`push`](Self::push) with no bytes,
+/// twice. A frame of several lines is known to be whole once the next empty line or pause has come, and is only passed on if three
+/// had as many lines and no line was a frame: two lines of half the length are none.
 ///
 /// ```
 /// use eit_hw::codec::text::{Decoder, Event, TextFormat};
@@ -81,6 +87,12 @@ pub struct Decoder {
     after_return: bool,
     /// Whether an empty line or a pause stands before the next line, so that a frame of several lines may start.
     may_start: bool,
+    /// Number of pushes without bytes since the last byte.
+    pauses: usize,
+    /// Whether a line was a frame.
+    is_single: bool,
+    /// Number of lines of the last frame of several lines, and of frames with as many in a row.
+    alike: [usize; 2],
     /// Number of lines in the open frame; `None` between frames.
     lines: Option<usize>,
     fault: Option<Fault>,
@@ -117,6 +129,9 @@ impl Decoder {
             line_is: Line::TruncatedStart,
             after_return: false,
             may_start: false,
+            pauses: 0,
+            is_single: false,
+            alike: [0; 2],
             lines: None,
             fault: None,
             numbers: Vec::with_capacity(numbers + 1),
@@ -143,7 +158,8 @@ impl Decoder {
     pub fn reset(&mut self, at_frame_start: bool) {
         self.line.clear();
         self.line_is = if at_frame_start { Line::Whole } else { Line::TruncatedStart };
-        (self.after_return, self.may_start) = (false, false);
+        (self.after_return, self.may_start, self.is_single) = (false, false, false);
+        (self.pauses, self.alike) = (0, [0; 2]);
         let open = at_frame_start && matches!(self.format.framing, Framing::EndLine(_));
         self.lines = open.then_some(0);
         self.fault = None;
@@ -152,7 +168,8 @@ impl Decoder {
 
     /// Decodes bytes as they arrive and calls `on_event` for each completed frame. No bytes: nothing arrived for a while.
     pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
-        if bytes.is_empty() && self.line.is_empty() {
+        self.pauses = if bytes.is_empty() { self.pauses.saturating_add(1) } else { 0 };
+        if self.pauses == PAUSES && self.line.is_empty() {
             self.between_frames(on_event);
         }
         for &byte in bytes {
@@ -229,7 +246,7 @@ impl Decoder {
         self.numbers(line, cut, on_event);
         match self.fault {
             Some(Fault::Values { found, wanted })
-                if (may_start || before > 0) && before + found <= wanted =>
+                if !self.is_single && (may_start || before > 0) && before + found <= wanted =>
             {
                 self.fault = None;
             }
@@ -238,10 +255,13 @@ impl Decoder {
                 let wanted = self.format.values_per_line;
                 on_event(Event::Skipped(Fault::Values { found: before, wanted }));
                 self.numbers.drain(..before);
-                self.lines = Some(1);
+                (self.lines, self.is_single) = (Some(1), true);
                 self.close(on_event);
             }
-            _ => self.close(on_event),
+            _ => {
+                self.is_single |= self.fault.is_none();
+                self.close(on_event);
+            }
         }
     }
 
@@ -258,6 +278,14 @@ impl Decoder {
         let wanted = self.format.numbers();
         let fault = Fault::Values { found: self.numbers.len() / lines, wanted };
         self.fault = self.fault.or((self.numbers.len() != wanted).then_some(fault));
+        if self.fault.is_none() {
+            let [last, count] = self.alike;
+            self.alike = [lines, if last == lines { count.saturating_add(1) } else { 1 }];
+            if self.alike[1] < ALIKE {
+                self.lines = None;
+                return;
+            }
+        }
         self.close(on_event);
     }
 

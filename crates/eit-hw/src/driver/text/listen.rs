@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use crate::codec::text::line::{self, Stripped};
-use crate::codec::text::{MAX_LINE_BYTES, MAX_VALUES};
+use crate::codec::text::{MAX_LINE_BYTES, MAX_VALUES, PAUSES};
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
@@ -84,6 +84,7 @@ pub fn listen(endpoint: &Endpoint, duration: Duration) -> Result<Heard, HwError>
 struct Lines {
     line: Vec<u8>,
     after_return: bool,
+    pauses: usize,
     /// Lines since the last empty line or pause: their numbers, and how many they are; `None` before the first.
     block: Option<(Vec<f64>, usize)>,
     /// The last [`MOST_FRAMES`] blocks of several lines.
@@ -107,7 +108,8 @@ struct Lines {
 impl Lines {
     fn push(&mut self, bytes: &[u8], time_s: f64) {
         self.bytes += bytes.len() as u64;
-        if bytes.is_empty() && self.line.is_empty() {
+        self.pauses = if bytes.is_empty() { self.pauses + 1 } else { 0 };
+        if self.pauses == PAUSES && self.line.is_empty() {
             self.end_block(time_s);
         }
         for &byte in bytes {
@@ -268,7 +270,7 @@ mod tests {
                     // the first is cut
                     let text = if frame == 0 { &text[2..] } else { text };
                     received.push(text.as_bytes(), f64::from(frame));
-                    received.push(pause, f64::from(frame));
+                    (0..PAUSES).for_each(|_| received.push(pause, f64::from(frame)));
                 }
                 let found = *received.heard().joined.unwrap();
                 assert_eq!(found.values, 6);
