@@ -185,14 +185,6 @@ fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     lines.push(format!("their error: {}; {unshown}", mm(&by_presses)));
     lines.extend(model.map(|model| format!("error of the model alone: {}; {unshown}", mm(&model))));
     lines.push(format!("error of the middle of the others: {}", mm(&middle)));
-    let is_nothing = learns_nothing(&learned.held_out);
-    if is_nothing {
-        lines.push(
-            "nothing was learnt: the middle of the presses is as near to one that is held out as what the others have taught. Do \
-             places and frames of the table belong together, and was the skin the same?"
-                .to_owned(),
-        );
-    }
     if learned.frame == Frame::Fitted {
         let [x_m, y_m, _] = learned.shift_m;
         lines.push(format!(
@@ -204,17 +196,8 @@ fn answer(out: &Path, found: &Found, progress: &Progress) -> Answer {
     lines.extend(curve.iter().map(tested));
     lines.extend(notes.iter().map(|note| format!("note: {note}")));
     let place = out.display();
-    lines.push(match is_nothing {
-        true => format!("written to {place}, which is not for a scene"),
-        false => format!("written to {place}; for the scene:\n  [touch] learned = \"{place}\""),
-    });
+    lines.push(format!("written to {place}; for the scene:\n  [touch] learned = \"{place}\""));
     Answer { text: lines.join("\n"), json: json(out, found, progress) }
-}
-
-/// Whether the places of presses that are held out are no nearer than the middle of the others.
-fn learns_nothing(held_out: &HeldOut) -> bool {
-    let HeldOut { presses, middle, .. } = held_out;
-    presses.median_m >= middle.median_m && presses.mean_m >= middle.mean_m
 }
 
 fn mm(errors: &PlaceErrors) -> String {
@@ -283,7 +266,6 @@ fn json(out: &Path, found: &Found, progress: &Progress) -> Value {
         "measurements": learned.channels.len(),
         "places_by": learned.places_by,
         "held_out": learned.held_out,
-        "is_learnt": !learns_nothing(&learned.held_out),
         "frame": {
             "shift_m": learned.shift_m,
             "sign": learned.orientation.sign,

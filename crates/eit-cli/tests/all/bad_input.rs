@@ -67,7 +67,7 @@ fn keys_that_cannot_be() {
         ("[reconstruction]\nlambda_time = 1.0", "no effect without"),
         ("[reconstruction]\nlambda_time = -1.0", "not below zero"),
         ("[reconstruction]\nlamda_space = 1.0", "mean \"lambda_space\"?"),
-        ("[reconstruction]\ndelta = \"noisy\"", "a number, or \"noise\""),
+        ("[reconstruction]\ndelta = \"noisy\"", "a number, \"noise\" or \"paper\""),
         ("[reconstruction]\ndelta = -1.0", "reconstruction.delta is -1"),
         ("[reconstruction]\nlower_s = 1e-6", "must include zero"),
         ("[reconstruction]\nlower_s = 0.0\nupper_s = 0.0", "must include zero"),

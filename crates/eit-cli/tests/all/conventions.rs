@@ -84,6 +84,13 @@ fn a_note_is_reported_once() {
     assert_eq!(times, [0, 1], "{said}{noted}");
     let report = read_text(format!("{out}/report.json"));
     assert_eq!(report.matches(words).count(), 1, "{report}");
+    // one of several files that have the same fault
+    let cut = folder.write("g.csv", rows.join("\n"));
+    let line = format!("reconstruct {scene} --frames {cut} {cut} {frames} {cut} --reference 0..10");
+    let output = eit(format!("{line} --method gauss-newton --out {out}"));
+    let all = format!("{}{}", stdout(&output), stderr(&output));
+    assert_eq!(all.matches("has no line end").count(), 1, "{all}");
+    assert!(all.contains("(2 more files have such a note)"), "{all}");
 }
 
 /// Options of eit.toml count for their command and only for scenes beside it; those given win; mistakes are named.

@@ -59,6 +59,16 @@ fn presses_become_newtons() {
     assert_eq!(json["learning_curve"][0]["learnt"], 5, "{json}");
     assert!(exists(&picture) && exists(&curve));
     assert_eq!(json["curve"], curve);
+    // places that belong to other presses teach nothing
+    let rows = read_text(&table);
+    let (head, rows) = rows.split_once('\n').unwrap();
+    let rows: Vec<Vec<&str>> = rows.lines().map(|row| row.split(',').collect()).collect();
+    let other = |k: usize| rows[(k + rows.len() / 2) % rows.len()][..2].join(",");
+    let wrong = (0..rows.len()).map(|k| format!("{},{}\n", other(k), rows[k][2..].join(",")));
+    let wrong = folder.write("wrong.csv", format!("{head}\n{}", wrong.collect::<String>()));
+    let said =
+        refuse(format!("learn {scene} --presses {wrong} --out {}", folder.path("w.learned")));
+    assert!(said.contains("nothing is learnt from these"), "{said}");
     // the scene that names it
     let content = read_text(&scene);
     assert!(!content.contains("[touch]"));
