@@ -13,7 +13,6 @@ use eit_hw::capture::{
     Recovered, SameSetUp, SessionRecord, recover,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
-use eit_skin::Skin;
 use eit_skin::scene::Scene;
 use eit_skin::text::counted;
 use eit_skin::touches::DEFAULT_RATE_HZ;
@@ -269,9 +268,9 @@ impl Source {
             }
             _ => Vec::new(),
         };
-        if let (Some(scene), Layout::ProtocolOrder) = (scene, &table.layout)
-            // one that has no real model is only converted
-            && let Ok(skin) = Skin::from_scene(scene.clone())
+        if let (Some(scene), Some(protocol), Layout::ProtocolOrder) =
+            (scene, protocol, &table.layout)
+            && table.value_count() == protocol.measurements()
         {
             // once converted, its values have the names of the scene's electrodes
             let mean = table.real.columns().into_iter().map(|column| {
@@ -279,10 +278,7 @@ impl Source {
                 // 0 / 0 where none is known
                 known().sum::<f64>() / known().count() as f64
             });
-            let mean: Vec<f64> = mean.collect();
-            if mean.len() == skin.protocol.measurements() {
-                self.notes.extend(skin.check_order(&mean)?);
-            }
+            self.notes.extend(scene.check_order(protocol, &mean.collect::<Vec<_>>())?);
         }
         if let Some(protocol) = protocol {
             let map = table.map_for(protocol.quadruples(), protocol.measurements())?;

@@ -9,7 +9,7 @@ pub(crate) use advice::{Judge, of_zeros};
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::Layout;
 
-/// Most electrodes whose skip-N patterns are tried: there are as many squared frames of numbers.
+/// Most electrodes whose skip-N patterns are tried: half as many patterns of their square of quadruples, 2 MB for each order.
 const MOST_SKIPPED: usize = 64;
 
 /// One way to arrange a frame.

@@ -23,8 +23,8 @@ mod transfer;
 
 pub use crate::press_watch::{PressState, PressWatch};
 pub use numbering::{KnownPress, Numbering, find_numbering};
+pub(crate) use protocols::likeness;
 pub use protocols::{FittingProtocol, OffPlace, fitting_protocols, is_frame};
-pub(crate) use protocols::{is_signed, undriven};
 pub(crate) use transfer::PairMatrix;
 
 use crate::arrangement;

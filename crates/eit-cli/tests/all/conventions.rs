@@ -193,3 +193,30 @@ fn potentials_are_recognised_by_what_they_are() {
         assert!(output.status.success() && is_explained, "{all}");
     }
 }
+
+/// Reciprocity and levels tell another order before a table is converted, where its values get the names of electrodes; magnitudes
+/// calibrate like voltages.
+#[test]
+fn values_are_what_the_scene_says_or_are_refused() {
+    let folder = Folder::new();
+    let scene = folder.write("scene.toml", SMALL);
+    let ascending = SMALL.replace("[mesh]", "order = \"ascending\"\n[mesh]");
+    let ascending = folder.write("ascending.toml", ascending);
+    let (table, out) = (folder.path("v.csv"), folder.path("v.mcap"));
+    succeed(format!("forward {ascending} --out {table}"));
+    let said = refuse(format!("convert {table} --scene {scene} --out {out}"));
+    assert!(said.contains("set that") && said.contains("order = \"ascending\""), "{said}");
+    succeed(format!("convert {table} --scene {ascending} --out {out}"));
+    // all voltages of adjacent pairs have one sign: those of other conductivity as magnitudes give it back
+    succeed(format!("forward {scene} --out {table}"));
+    let voltages = read_text(&table);
+    let sizes = voltages.trim().split(',').map(|v| v.parse::<f64>().unwrap().abs().to_string());
+    let sizes = folder.write("sizes.csv", sizes.collect::<Vec<_>>().join(",") + "\n");
+    let guess =
+        folder.write("guess.toml", SMALL.replace("conductivity_s = 1e-5", "conductivity_s = 2e-5"));
+    let said = succeed(format!("calibrate {guess} --frames {sizes}"));
+    assert!(
+        said.contains("the values are magnitudes") && said.contains("conductivity 1.0000e-5 S"),
+        "{said}"
+    );
+}

@@ -336,6 +336,13 @@ fn touches_are_written_where_the_noise_is_known() {
             assert_eq!((row[19], row[20]), ("true", "true"), "{row:?}");
         }
     }
+    // frames and time are counted from the beginning of the file, whichever is the first that is searched
+    let later = format!(
+        "{}[recording]\nfirst_frame = 8\nframe_rate_hz = 20.0\n",
+        "[noise]\nadditive_v = 1e-4\n[touch]\nradius_m = 0.02\n"
+    );
+    fixture.run(&folder.scene(&later), "--method gauss-newton --reference 0..8");
+    assert!(read_text(&list).lines().nth(1).unwrap().starts_with("8,0.400000,1,begin,"));
     // without noise no list, and none is left from the earlier run
     let unknown = folder.scene("[reconstruction]\npixels = 24\n");
     let (_, report) = fixture.run(&unknown, "--method gauss-newton --reference 0");

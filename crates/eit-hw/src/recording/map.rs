@@ -242,20 +242,21 @@ fn by_potential(
                     return Err(HwError::MissingDrive { place, a, b, first_a, first_b });
                 }
             };
-            let at = |electrode: usize| {
-                let is_lower = |driven: &&u32| (**driven as usize) < electrode;
-                let before = drives[number][..left_out].iter().filter(is_lower).count();
-                number * (electrodes - left_out) + electrode - before
-            };
             let driven = &drives[number][..left_out];
-            if driven.iter().any(|&e| [m, n].contains(&(e as usize))) {
-                let place = Place::file(source);
-                return Err(HwError::MissingMeasurement {
-                    place,
-                    quadruple: [a, b, m as u32, n as u32],
-                });
-            }
-            Ok(Pick { plus: at(m), minus: Some(at(n)), sign })
+            let in_drive = |electrode: usize| {
+                if driven.contains(&(electrode as u32)) {
+                    return None;
+                }
+                let before = driven.iter().filter(|&&e| (e as usize) < electrode).count();
+                // none if both driven electrodes are one
+                electrode.checked_sub(before).filter(|at| *at < electrodes - left_out)
+            };
+            let (Some(plus), Some(minus)) = (in_drive(m), in_drive(n)) else {
+                let quadruple = [a, b, m as u32, n as u32];
+                return Err(HwError::MissingMeasurement { place: Place::file(source), quadruple });
+            };
+            let first = number * (electrodes - left_out);
+            Ok(Pick { plus: first + plus, minus: Some(first + minus), sign })
         })
         .collect()
 }

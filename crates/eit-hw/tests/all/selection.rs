@@ -551,6 +551,10 @@ fn pairs_are_formed_from_potentials_against_the_sink() {
         assert_eq!(frames.values.dim(), (2, 4));
         assert_eq!(frames.values.row(1).to_vec(), pairs, "{columns}");
     }
+    // a drive of one electrode, which no protocol has
+    let one = Layout::Potentials { drives: vec![[0, 0]], electrodes: 2, driven: false };
+    let map = FrameMap::new(&one, 0, Some(&[[0, 0, 1, 1]]), 1, "board");
+    assert!(matches!(map, Err(HwError::MissingMeasurement { .. })), "{map:?}");
     // a pair with a driven electrode, of which there is no potential
     let map = FrameMap::new(&expected(false), 9, Some(&[[0, 1, 1, 2]]), 1, "board");
     assert!(matches!(map, Err(HwError::MissingMeasurement { quadruple: [0, 1, 1, 2], .. })));

@@ -107,7 +107,7 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
 }
 
 /// Touches that are listed and do not count.
-pub(crate) fn never_valid(count: usize) -> String {
+fn never_valid(count: usize) -> String {
     match count {
         0 => String::new(),
         count => format!(" ({count} more in touches.csv were never valid)"),

@@ -1,7 +1,7 @@
 //! What to set for frames with another number of values than the scene's protocol.
 
 use super::{Arrangement, against_ground, arrangements};
-use crate::first_scene::{PairMatrix, is_signed, undriven};
+use crate::first_scene::{PairMatrix, likeness};
 use crate::frames::ALIKE;
 use crate::skin::Skin;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol};
@@ -54,14 +54,8 @@ impl<'a> Judge<'a> {
 
     /// Correlation of a frame in an arrangement with the model, without measurements on current-carrying electrodes.
     pub(crate) fn correlation(&self, arrangement: &Arrangement, frame: &[f64]) -> f64 {
-        let values = arrangement.values(frame);
-        let is_signed = is_signed(&values);
-        let of = |values: &[f64]| {
-            let sized = values.iter().map(|v| if is_signed { *v } else { v.abs() });
-            undriven(&arrangement.quadruples, sized)
-        };
         let model = self.untouched.measured(&arrangement.quadruples).to_vec();
-        eit_hw::model_correlation(&of(&values), &of(&model)).map_or(0.0, f64::abs)
+        likeness(&arrangement.quadruples, &arrangement.values(frame), &model)
     }
 
     fn judged(&self, arrangement: Arrangement, is_of_zeros: bool, frame: &[f64]) -> Judged {
@@ -102,7 +96,9 @@ impl<'a> Judge<'a> {
             let frames = recording.real.to_shape((lines * columns / count, count)).ok()?;
             Some(frames.mean_axis(Axis(0))?.to_vec())
         };
-        let all = counts.into_iter().filter(is_frame).filter_map(|count| self.best(&mean(count)?));
+        // also as many as each line holds, for drives of which there are more or fewer than electrodes
+        let counts = counts.into_iter().chain([columns]);
+        let all = counts.filter(is_frame).filter_map(|count| self.best(&mean(count)?));
         let order = |judged: &Judged| (judged.is_of_zeros, judged.correlation);
         let best = all.max_by(|one, other| {
             order(one).partial_cmp(&order(other)).unwrap_or(std::cmp::Ordering::Equal)

@@ -174,14 +174,9 @@ impl Untouched {
 
     /// Correlation for the numbering that fits best, and two electrodes whose exchange improves it much.
     fn correlation(&self, quadruples: &[[u32; 4]], frame: &[f64]) -> (f64, Option<[usize; 2]>) {
-        let signed = is_signed(frame);
-        let value = |value: &f64| if signed { *value } else { value.abs() };
-        let measured = undriven(quadruples, frame.iter().map(value));
         let of = |placing: Placing| {
             let voltages = self.matrix.measured(&placing.map(quadruples, self.electrodes));
-            let modelled = undriven(quadruples, voltages.iter().map(value));
-            // the board's polarity is unknown
-            (model_correlation(&measured, &modelled).map_or(0.0, f64::abs), placing)
+            (likeness(quadruples, frame, &voltages.to_vec()), placing)
         };
         let best = |placings: &mut dyn Iterator<Item = Placing>| {
             placings.map(of).max_by(|one, other| one.0.total_cmp(&other.0))
@@ -199,15 +194,25 @@ impl Untouched {
     }
 }
 
+/// Correlation of a frame with modelled voltages, without measurements on current-carrying electrodes: of magnitudes if all values
+/// have one sign, and of either polarity, since a board's is not known.
+pub(crate) fn likeness(quadruples: &[[u32; 4]], frame: &[f64], modelled: &[f64]) -> f64 {
+    let signed = is_signed(frame);
+    let of = |values: &[f64]| {
+        undriven(quadruples, values.iter().map(|value| if signed { *value } else { value.abs() }))
+    };
+    model_correlation(&of(frame), &of(modelled)).map_or(0.0, f64::abs)
+}
+
 /// Whether a frame has values of both signs, beyond noise.
-pub(crate) fn is_signed(frame: &[f64]) -> bool {
+pub(super) fn is_signed(frame: &[f64]) -> bool {
     let [least, most] =
         frame.iter().fold([0.0_f64; 2], |[l, m], value| [l.min(*value), m.max(*value)]);
     -least > SIGNED * most && most > -SIGNED * least
 }
 
 /// Measurements without those on current-carrying electrodes, which contain the contact impedance.
-pub(crate) fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
+fn undriven(quadruples: &[[u32; 4]], values: impl Iterator<Item = f64>) -> Vec<f64> {
     let on_driven = |[a, b, m, n]: &[u32; 4]| [m, n].iter().any(|e| *e == a || *e == b);
     quadruples.iter().zip(values).filter(|(q, _)| !on_driven(q)).map(|(_, value)| value).collect()
 }

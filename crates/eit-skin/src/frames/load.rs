@@ -68,7 +68,7 @@ fn advised(error: HwError, skin: &Skin, recording: &Recording) -> SkinError {
         hint,
         CountHint::DrivenKept { .. } | CountHint::DrivenDropped { .. } | CountHint::Unknown
     );
-    let judge = crate::arrangement::Judge::new(skin).filter(|_| is_of_protocol);
+    let judge = is_of_protocol.then(|| crate::arrangement::Judge::new(skin)).flatten();
     match judge.and_then(|judge| judge.advice(recording)) {
         Some(advice) => SkinError::input(format!(
             "{place}: {found} values per line in {frames} line(s), but the scene's protocol has {wanted} measurements a frame: \

@@ -16,7 +16,7 @@ use load::{Loaded, drive_current_a, read};
 
 use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault, FaultKind};
-use crate::scene::{DifferenceKind, Reference};
+use crate::scene::{DifferenceKind, Reference, Scene};
 use crate::skin::Skin;
 use crate::text::counted;
 use eit_fem::Protocol;
@@ -62,9 +62,16 @@ impl Frames {
         (0..self.values.nrows()).filter(is_clean).collect()
     }
 
-    /// Gives a reference of magnitudes the signs of the model's voltages; returns whether it was one, and the model has both signs.
+    /// Gives a reference whose used values are magnitudes the signs of the model's voltages; returns whether that changed it.
     pub fn with_signs_of(&mut self, model_voltages: &[f64]) -> bool {
-        let is_other = are_magnitudes(&self.reference) && !are_magnitudes(model_voltages);
+        let used = || {
+            self.used
+                .iter()
+                .zip(self.reference.iter().zip(model_voltages))
+                .filter(|(used, _)| **used)
+        };
+        let is_other = are_magnitudes(used().map(|(_, (value, _))| value))
+            && !are_magnitudes(used().map(|(_, (_, model))| model));
         if is_other {
             let both = self.reference.iter_mut().zip(model_voltages);
             both.for_each(|(value, model)| *value = value.copysign(*model));
@@ -86,6 +93,27 @@ impl Frames {
     }
 }
 
+impl Scene {
+    /// Checks whether values of a file are in the order of this scene's protocol, by the reciprocity and levels of their mean over
+    /// frames; returns notes. The skin is only built if reciprocity leaves doubt, and a scene without a real model is not checked.
+    ///
+    /// # Errors
+    ///
+    /// Another order.
+    pub fn check_order(&self, protocol: &Protocol, mean: &[f64]) -> Result<Vec<String>, SkinError> {
+        let kind = self.recording.values;
+        let voltages: Vec<f64> = mean.iter().map(|value| kind.voltage(*value)).collect();
+        let mut notes = Vec::new();
+        let is_clear = |q: &[_]| order::is_consistent(q, &voltages);
+        if !protocol.quadruples().is_some_and(is_clear)
+            && let Ok(skin) = Skin::from_scene(self.clone())
+        {
+            order::check(&skin, false, &voltages, &mut notes)?;
+        }
+        Ok(notes)
+    }
+}
+
 impl Skin {
     /// Reads the frames of the settings; `files` and `reference` of the caller take precedence.
     ///
@@ -100,20 +128,6 @@ impl Skin {
         let loaded = read(self, &self.files(files)?)?;
         let found = reference::choose(self, &loaded, reference)?;
         assemble(self, loaded, found)
-    }
-
-    /// Checks whether values of a file are in the order of the protocol, by the reciprocity and levels of their mean over frames;
-    /// returns notes.
-    ///
-    /// # Errors
-    ///
-    /// Another order.
-    pub fn check_order(&self, mean: &[f64]) -> Result<Vec<String>, SkinError> {
-        let kind = self.settings.recording.values;
-        let voltages: Vec<f64> = mean.iter().map(|value| kind.voltage(*value)).collect();
-        let mut notes = Vec::new();
-        order::check(self, false, &voltages, &mut notes)?;
-        Ok(notes)
     }
 
     /// Takes values [frame, measurement], volt, in protocol order, as if read from a recording.

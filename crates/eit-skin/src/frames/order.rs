@@ -15,7 +15,7 @@ pub(crate) fn check(
     let Some(quadruples) = skin.protocol.quadruples() else { return Ok(None) };
     let own = eit_hw::reciprocity_error(quadruples, mean);
     let (false, Some(pairs)) = (ordered_by_file, &skin.pairs) else { return Ok(own) };
-    if let OrderVerdict::Consistent { .. } = eit_hw::recognise_order(mean, quadruples, &[]) {
+    if is_consistent(quadruples, mean) {
         return Ok(own);
     }
     if let Some(advice) = of_zeros(skin, mean).filter(|_| skin.check_order) {
@@ -55,6 +55,11 @@ pub(crate) fn check(
             Ok(own)
         }
     }
+}
+
+/// Whether a frame is reciprocal in this order.
+pub(crate) fn is_consistent(quadruples: &[[u32; 4]], mean: &[f64]) -> bool {
+    matches!(eit_hw::recognise_order(mean, quadruples, &[]), OrderVerdict::Consistent { .. })
 }
 
 /// Whether the untouched skin has such levels: reciprocity alone also holds for orders that are merely as symmetric.

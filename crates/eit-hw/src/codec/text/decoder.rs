@@ -254,8 +254,9 @@ impl Decoder {
                 // a whole frame after a part of one
                 let wanted = self.format.values_per_line;
                 on_event(Event::Skipped(Fault::Values { found: before, wanted }));
-                self.numbers.drain(..before);
-                (self.lines, self.is_single) = (Some(1), true);
+                self.numbers.clear();
+                (self.lines, self.is_single) = (Some(0), true);
+                self.numbers(line, cut, on_event);
                 self.close(on_event);
             }
             _ => {
@@ -348,9 +349,7 @@ impl Decoder {
             found = wanted;
             self.stripped = self.stripped.or(Stripped::LABEL);
         }
-        let is_single = self.format.lines_per_frame == 1;
-        let room = if is_single { usize::MAX } else { self.format.numbers() };
-        self.numbers.truncate(room.min(before + wanted));
+        self.numbers.truncate(self.format.numbers().min(before + wanted));
         // a banner between frames that end with a mark
         if before == 0
             && self.lines == Some(0)
