@@ -47,6 +47,6 @@ pub use sequence::{
 #[cfg(feature = "st-tv")]
 pub use st_tv::{
     CausalDual, CausalSettings, CausalStep, CausalStream, ChosenWeights, Fidelity, Gradient, StTv,
-    StTvSettings, StTvStream, Stop, StreamSettings, StreamStep, WeightPoint, WeightStatus,
+    StTvSettings, Stop, WeightPoint, WeightStatus,
 };
 pub use unevenness::{Effects, ReferenceModel, UnevenSheet, Unevenness};

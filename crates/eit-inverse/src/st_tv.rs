@@ -1,21 +1,18 @@
-//! Spatio-temporal total variation, with certificates, time limits and streaming.
+//! Spatio-temporal total variation: one problem, one iteration and one certificate for whole sequences, frames linked
+//! to the image before, and frames on their own.
 //!
 //! | file | contents |
 //! |---|---|
-//! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
-//! | `stream`, `single_frame` | [`StTvStream`]: each frame on its own |
-//! | `causal` | [`CausalStream`]: each frame linked to the image before |
-//! | `weights`, `quiet` | weights from the noise level; frames that contain only noise |
-//! | `settings`, `gradient` | user input: settings and spatial differences |
-//! | `task`, `problem`, `run` | a sequence in internal units; the problem; first iterate to certificate |
-//! | `schedule` | numbers that whole sequences and streams share |
-//! | `state`, `engine`, `sweep`, `fit` | iterate; iteration; its passes; data step |
-//! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
-//! | `chain` | exact step in time, for large `lambda_time` |
+//! | `batch`, `solve`, `task`, `run` | [`StTv`]: set-up; whole sequences, in internal units, from first iterate to proof |
+//! | `causal` | [`CausalStream`]: frames as they come; the solution of one |
+//! | `weights`, `quiet`, `settings`, `gradient` | weights from the noise; frames of noise; user input |
+//! | `problem`, `data` | the problem; data compressed to the row space of the Jacobian |
+//! | `iterate`, `state`, `fit`, `step`, `chain` | iteration; iterate; exact data step; step sizes; exact steps in time |
+//! | `value` | candidate images and their objective |
+//! | `certificate`, `flow`, `repair` | lower bound; search for nearly feasible duals; exact balance without an anchor |
 //! | `reach` | smallest residual of images within bounds, where no image meets the constraints |
-//! | `certificate`, `flow`, `passes` | primal value and lower bound; search for nearly feasible duals |
-//! | `data`, `operators`, `laplacian` | precomputed: compressed data, packed operators, a sparse factor |
-//! | `kernel`, `dense`, `ball`, `float` | inner loops, small matrices, prox of a ball, `f32` or `f64` |
+//! | `operators`, `differences`, `lanes` | basis and gradient in the layout of cells; inner loops |
+//! | `laplacian`, `dense`, `ball`, `float`, `schedule` | sparse factor, small matrices, prox of a ball, `f32` or `f64`, shared numbers |
 
 mod ball;
 mod batch;
@@ -24,35 +21,31 @@ mod certificate;
 mod chain;
 mod data;
 mod dense;
-mod engine;
+mod differences;
 mod fit;
 mod float;
 mod flow;
 mod gradient;
-mod kernel;
+mod iterate;
+mod lanes;
 mod laplacian;
 mod operators;
-mod passes;
 mod problem;
-mod products;
 mod quiet;
 mod reach;
+mod repair;
 mod run;
 mod schedule;
 mod settings;
-mod single_frame;
 mod solve;
 mod state;
 mod step;
-mod stream;
-mod sweep;
 mod task;
-mod travel;
+mod value;
 mod weights;
 
 pub use batch::StTv;
 pub use causal::{CausalDual, CausalSettings, CausalStep, CausalStream};
 pub use gradient::Gradient;
-pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
-pub use stream::{StTvStream, StreamStep};
+pub use settings::{Fidelity, StTvSettings, Stop};
 pub use weights::{ChosenWeights, WeightPoint, WeightStatus};

@@ -1,16 +1,15 @@
 //! Solver for one linearised skin: set-up and settings.
 
 use super::data::Compression;
+use super::differences::ScaledRows;
 use super::gradient::Gradient;
-use super::laplacian::Laplacian;
 use super::operators::Operators;
-use super::problem::Parts;
+use super::problem::Skin;
 use super::settings::{Fidelity, StTvSettings};
 use crate::check::check_length;
 use crate::data::Channels;
 use crate::{DifferenceData, DifferenceFrames, InverseError};
 use ndarray::ArrayRef2;
-use pulp::Arch;
 
 /// Spatio-temporal total variation of one linearised skin.
 ///
@@ -27,8 +26,8 @@ use pulp::Arch;
 ///
 /// # Method
 /// Set-up computes a singular value decomposition of the whitened Jacobian (see `data`), so an
-/// iteration works on `rank` coefficients per frame. The iteration (see `engine`) is a primal-dual
-/// method with a map of step sizes for every block of 8 frames (see `step`): large steps where the
+/// iteration works on `rank` coefficients per frame. The iteration (see `iterate`) is a primal-dual
+/// method with a map of step sizes for every span of 8 frames (see `step`): large steps where the
 /// image has gradients, small steps where it is flat, balanced by the norms of image and dual
 /// variables, without problem-specific tuning. The dual variables are nearly feasible. To compute a
 /// lower bound, a few cheap steps on the duals of space and time (see `flow`), in turn with changes of
@@ -42,13 +41,10 @@ pub struct StTv {
     pub(crate) compression: Compression,
     /// Number of used channels of the protocol.
     pub(crate) channels: usize,
-    pub(crate) parts: Parts,
     pub(crate) single: Operators<f32>,
-    pub(crate) double: Operators<f64>,
-    pub(crate) laplacian: Laplacian,
+    pub(crate) skin: Skin,
     /// Largest singular value: the unit of the whitened Jacobian.
     pub(crate) unit: f64,
-    pub(crate) arch: Arch,
 }
 
 impl StTv {
@@ -78,24 +74,11 @@ impl StTv {
         let mut compression = Compression::new(jacobian, weights)?;
         let unit = compression.singular[0];
         compression.singular.iter_mut().for_each(|s| *s /= unit);
-        let basis = compression.basis.as_ref();
-        let (single, double) = (Operators::new(basis, gradient), Operators::new(basis, gradient));
-        let parts = Parts::new(gradient, basis);
-        let laplacian =
-            Laplacian::new(&double.gradient, unknowns, &parts.label, parts.sizes.len())?;
+        let (basis, scaled) = (compression.basis.as_ref(), ScaledRows::new(gradient));
+        let single = Operators::new(basis, gradient, &scaled);
+        let skin = Skin::new(gradient, &scaled, basis, &compression.singular)?;
         let channels = compression.root_weights.iter().filter(|w| **w > 0.0).count();
-        Ok(Self {
-            settings,
-            gradient: gradient.clone(),
-            compression,
-            channels,
-            parts,
-            single,
-            double,
-            laplacian,
-            unit,
-            arch: Arch::new(),
-        })
+        Ok(Self { settings, gradient: gradient.clone(), compression, channels, single, skin, unit })
     }
 
     /// Returns the numerical rank of the whitened Jacobian, which is the number of coefficients per
@@ -106,7 +89,7 @@ impl StTv {
 
     /// Returns the length of an image.
     pub fn unknowns(&self) -> usize {
-        self.double.unknowns
+        self.gradient.unknowns()
     }
 
     /// Returns the number of measurements of the protocol.

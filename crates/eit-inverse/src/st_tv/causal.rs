@@ -1,26 +1,506 @@
-//! Causal stream: each frame is linked to the image before it and has a certified gap.
-//!
-//! | file | contents |
-//! |---|---|
-//! | `stream`, `settings` | [`CausalStream`]: events, units, rest |
-//! | `frame` | one frame: rounds of iterations, evaluations, limits |
-//! | `iterate`, `map` | the iteration; its step sizes and exact data step |
-//! | `value`, `bound`, `proof` | objective of a candidate; lower bound; flow search for the bound |
-//! | `fields`, `differences`, `lanes` | arrays, gradient and inner loops over them |
+//! Causal stream: all events of a running instrument, around the solution of one frame.
 
-mod bound;
-mod differences;
-mod fields;
 mod frame;
-mod iterate;
-mod lanes;
-mod map;
-mod proof;
 mod settings;
-mod stream;
-mod value;
 
-use super::data::seen;
-
+use super::StTv;
+use super::data::{Seen, Target};
+use super::iterate::Analyse;
+use super::lanes::{LANES, Lane};
+use super::problem::{Anchor, Problem};
+use super::quiet::quiet_threshold;
+use super::settings::{Fidelity, StTvSettings};
+use crate::check::{check_length, check_range};
+use crate::{Certificate, InverseError, SequenceStatus};
+use frame::{End, Frames, Record};
 pub use settings::{CausalDual, CausalSettings, CausalStep};
-pub use stream::CausalStream;
+use std::slice::from_ref;
+use std::time::Instant;
+
+/// A frame larger than the unit of the data by this factor sets a new unit.
+const OUTGROWN: f64 = 1e4;
+/// Number of consecutive frames of pure noise after which the skin counts as at rest.
+const REST_AFTER: usize = 8;
+/// Number of frames between two complete computations of `V' x^`.
+const RENEW: usize = 256;
+
+/// Total variation of single frames, each linked to the previously reported image, without lag.
+///
+/// ```text
+/// penalised:    x = argmin |W^1/2 (J x - dv)|^2 / 2 + lambda_space |grad x|_{2,1}
+///                          + time_share lambda_time integral |x - x^| dA
+/// constrained:  the same without the first term, with |W^1/2 (J x - dv)| <= delta
+/// both:         lower <= x <= upper
+/// ```
+///
+/// `x^` is the image of the frame before, which is fixed: each frame is a small convex problem, and
+/// reported images are never revised. Every push returns bounds on the optimum of its own problem,
+/// which are valid wherever the iteration stopped. After set-up nothing is allocated.
+///
+/// * Masked channels change the rows of the data term; a new set of them costs
+///   `O(measurements rank^2)` once.
+/// * A dropped frame ([`push_dropped`](Self::push_dropped)), or one without a good channel, holds
+///   the previous image.
+/// * If [`StTvSettings::noise_std`](crate::StTvSettings::noise_std) is given, eight consecutive frames
+///   of pure noise put the stream at rest: the image is zero, and nothing is computed until a frame
+///   differs from the reference by more than noise.
+/// * With a `lambda_time` of 0 each frame is on its own, exactly the problem of [`StTv::solve`] on that one frame: the
+///   image before is only where the iteration starts, a dropped frame has the image nearest to zero within the
+///   bounds, and a single frame of noise is at rest.
+#[derive(Debug, Clone)]
+pub struct CausalStream {
+    solver: StTv,
+    settings: CausalSettings,
+    frames: Frames,
+    record: Record,
+    seen: Seen,
+    target: Target,
+    /// Constraint radius of the frame in internal units.
+    delta: f64,
+    /// `x^` over cells, `V' x^`, and `t - F' V' x^`, in internal units.
+    anchor: Vec<f64>,
+    coefficients: Vec<f64>,
+    beta: Vec<f64>,
+    whitened: Vec<f64>,
+    sums: Vec<Lane<f64>>,
+    /// The last frame as pushed, for a change of reference; NaN in unused and masked channels.
+    raw: Vec<f64>,
+    image: Vec<f64>,
+    /// Image of the previous frame, siemens.
+    before: Vec<f64>,
+    /// Norm of the data that corresponds to 1 internally; 0 before the first data.
+    scale: f64,
+    /// Whether a new step map is needed.
+    is_stale: bool,
+    pushed: usize,
+    quiet_frames: usize,
+}
+
+impl CausalStream {
+    /// Sets up a stream.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`] for settings out of range.
+    pub fn new(solver: StTv, settings: CausalSettings) -> Result<Self, InverseError> {
+        settings.check()?;
+        let operators = &solver.skin.operators;
+        let (rank, cells) = (operators.padded, operators.cells());
+        let (measurements, zeros) = (solver.measurements(), |count: usize| vec![0.0; count]);
+        let seen = Seen::new(&solver.compression);
+        let target = Target { values: zeros(rank), rest_squared: 0.0, rest: zeros(measurements) };
+        let (anchor, beta) = (zeros(cells), zeros(rank));
+        let shape = problem(&solver, &settings, (&seen, &target, &0.0), (&anchor, &beta), 1.0);
+        let (frames, record) = (Frames::new(&shape, &solver.single), Record::new(&shape));
+        let mut this = Self {
+            frames,
+            record,
+            delta: 0.0,
+            coefficients: zeros(rank),
+            whitened: zeros(measurements),
+            sums: vec![[0.0; LANES]; rank],
+            raw: vec![f64::NAN; measurements],
+            image: zeros(solver.unknowns()),
+            before: zeros(solver.unknowns()),
+            scale: 0.0,
+            is_stale: true,
+            pushed: 0,
+            quiet_frames: 0,
+            seen,
+            target,
+            anchor,
+            beta,
+            solver,
+            settings,
+        };
+        this.restart();
+        Ok(this)
+    }
+
+    /// Discards the image. The next frame is treated as the first one, with an anchor of zero, or of the
+    /// value nearest to zero within the bounds.
+    pub fn restart(&mut self) {
+        let [lower, upper] = self.bounds_s();
+        self.image.fill(0.0_f64.clamp(lower, upper));
+        self.frames.clear();
+        self.set_anchor();
+    }
+
+    /// Sets the image to which the next frame is linked, siemens, `[unknown]`; it is clipped to the
+    /// bounds.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a value that is not finite.
+    pub fn anchor(&mut self, image: &[f64]) -> Result<(), InverseError> {
+        check_length("image", image.len(), self.image.len())?;
+        for value in image {
+            check_range("a value of the anchor, siemens", *value, value.is_finite(), "finite")?;
+        }
+        let [lower, upper] = self.bounds_s();
+        for (own, x) in self.image.iter_mut().zip(image) {
+            *own = x.clamp(lower, upper);
+        }
+        self.set_anchor();
+        Ok(())
+    }
+
+    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`.
+    ///
+    /// Data pushed from now on must be relative to the new reference. If the new reference is closer to
+    /// the last frame than the old one was, the previous image is reset as in
+    /// [`restart`](Self::restart), since it is then part of the reference.
+    ///
+    /// # Errors
+    /// Returns an error for a wrong length and for a value that is not finite. The stream is then
+    /// unchanged.
+    pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
+        check_length("change of reference", change.len(), self.solver.measurements())?;
+        if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
+            let value = change[measurement];
+            return Err(InverseError::NonFiniteReference { measurement, value });
+        }
+        let (mut before, mut after) = (0.0, 0.0);
+        let weights = self.solver.compression.root_weights.iter();
+        for ((raw, change), weight) in self.raw.iter_mut().zip(change).zip(weights) {
+            if raw.is_finite() {
+                before += (weight * *raw).powi(2);
+                *raw -= change;
+                after += (weight * *raw).powi(2);
+            }
+        }
+        if after < before {
+            self.restart();
+        }
+        Ok(())
+    }
+
+    /// Reconstructs a frame of difference data `[measurement]` with its good channels (`None`: all).
+    ///
+    /// # Errors
+    /// Returns an error for wrong lengths, a non-finite value of a good channel (the frame index counts
+    /// pushes from 0), and a `delta` that no image can satisfy. The image is then unchanged.
+    pub fn push(
+        &mut self,
+        dv: &[f64],
+        good: Option<&[bool]>,
+    ) -> Result<CausalStep<'_>, InverseError> {
+        let start = Instant::now();
+        let measurements = self.solver.measurements();
+        check_length("frame", dv.len(), measurements)?;
+        if let Some(good) = good {
+            check_length("good", good.len(), measurements)?;
+        }
+        let is_good = |i: usize| good.is_none_or(|good| good[i]);
+        for (measurement, &value) in dv.iter().enumerate() {
+            let counts = is_good(measurement);
+            if !value.is_finite() && counts {
+                let frame = self.pushed;
+                return Err(InverseError::NonFiniteData { frame, measurement, value });
+            }
+        }
+        let is_new = !self.seen.fits(&self.solver.compression, is_good);
+        if is_new {
+            self.seen.set(&self.solver.compression, is_good);
+            self.is_stale = true;
+        }
+        if self.seen.count == 0 {
+            return Ok(self.push_dropped());
+        }
+        self.take(dv)?;
+        self.pushed += 1;
+        for (i, (raw, dv)) in self.raw.iter_mut().zip(dv).enumerate() {
+            *raw = if self.seen.good[i] { *dv } else { f64::NAN };
+        }
+        self.before.copy_from_slice(&self.image);
+        if self.is_quiet() {
+            return Ok(self.rest(start));
+        }
+        self.innovate();
+        let Self { solver, settings, seen, target, delta, anchor, beta, .. } = self;
+        let one = if self.scale > 0.0 { self.scale } else { 1.0 };
+        let problem = problem(solver, settings, (seen, target, delta), (anchor, beta), one);
+        let is_stale = std::mem::take(&mut self.is_stale);
+        let (record, single) = (&mut self.record, &solver.single);
+        let end = self.frames.solve(problem, single, record, settings, is_stale, start)?;
+        if end == End::Vanished || end == End::GaveUp {
+            self.is_stale = true;
+        }
+        self.report(end);
+        Ok(self.step(end, start))
+    }
+
+    /// Records a dropped frame: the previous image is held, or is that of no data if frames are not linked.
+    pub fn push_dropped(&mut self) -> CausalStep<'_> {
+        let start = Instant::now();
+        self.pushed += 1;
+        self.before.copy_from_slice(&self.image);
+        self.record.clear();
+        let is_linked = self.is_linked();
+        if !is_linked {
+            self.restart();
+        }
+        CausalStep {
+            image: &self.image,
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            // a held image solves nothing, so that its bounds are trivial; without data the objective is zero
+            certificate: Certificate {
+                primal: if is_linked { f64::INFINITY } else { 0.0 },
+                lower_bound: 0.0,
+            },
+            residual: 0.0,
+            quiet: !is_linked,
+            in_double: false,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Returns the image to which the last frame was linked, siemens, `[unknown]`.
+    pub fn image_before(&self) -> &[f64] {
+        &self.before
+    }
+
+    /// Returns the dual point of the last frame's lower bound; zero after a frame that needed no
+    /// iteration. Allocates.
+    pub fn dual(&self) -> CausalDual {
+        let (one, rows) = (self.one(), self.seen.rows);
+        let gradient = &self.solver.gradient;
+        let dual = &self.record.dual[..rows];
+        let (share, data_unit, flow_unit) = match self.ball() {
+            None => (-1.0, one, self.solver.unit * one),
+            Some(ball) => {
+                let norm = dual.iter().map(|y| y * y).sum::<f64>().sqrt();
+                let share = if ball > 0.0 { -norm / ball.sqrt() } else { 0.0 };
+                let largest = largest_weight(&self.solver, &self.settings);
+                (share, largest / self.solver.unit, largest)
+            }
+        };
+        let mut data = vec![0.0; self.solver.measurements()];
+        self.seen.spread(&self.solver.compression, dual, &self.target, share, &mut data);
+        data.iter_mut().for_each(|y| *y *= data_unit);
+        let mut flow = vec![0.0; gradient.rows()];
+        let (components, operators) = (gradient.components(), &self.solver.skin.operators);
+        for (group, own) in flow.chunks_exact_mut(components).enumerate() {
+            let place = operators.basis.group_place(gradient, &operators.places, group);
+            let size = operators.basis.group_size(place);
+            for (q, proven) in own.iter_mut().zip(&self.record.flow) {
+                *q = self.record.scale * proven[place] * flow_unit / size;
+            }
+        }
+        CausalDual { data, flow }
+    }
+
+    fn bounds_s(&self) -> [f64; 2] {
+        [self.solver.settings.lower_s, self.solver.settings.upper_s]
+    }
+
+    fn is_linked(&self) -> bool {
+        self.solver.settings.lambda_time > 0.0
+    }
+
+    /// Returns the internal unit of the data.
+    fn one(&self) -> f64 {
+        if self.scale > 0.0 { self.scale } else { 1.0 }
+    }
+
+    /// Returns the squared radius of the data constraint in the coordinates of the frame; `None` for
+    /// penalised data.
+    fn ball(&self) -> Option<f64> {
+        let is_constrained = self.solver.settings.fidelity != Fidelity::Penalised;
+        is_constrained.then(|| (self.delta.powi(2) - self.target.rest_squared).max(0.0))
+    }
+
+    /// Transforms the data of a frame to internal units; may change the unit.
+    fn take(&mut self, dv: &[f64]) -> Result<(), InverseError> {
+        let compression = &self.solver.compression;
+        for (i, value) in self.whitened.iter_mut().enumerate() {
+            // masked values may be NaN
+            *value = if self.seen.good[i] { compression.root_weights[i] * dv[i] } else { 0.0 };
+        }
+        let one = self.one();
+        self.seen.take(compression, &self.whitened, one, &mut self.target);
+        let along = self.target.norm();
+        let least = self.target.rest_squared.sqrt() * one;
+        let settings = &self.solver.settings;
+        if let Fidelity::Constrained { delta } = settings.fidelity {
+            let delta = delta * (self.seen.count as f64 / self.solver.channels as f64).sqrt();
+            // a tiny remainder is rounding error of an exact fit
+            if least > delta && least > 1e-10 * (along * one + least) {
+                return Err(InverseError::DeltaTooSmall { frame: self.pushed, delta, least });
+            }
+            self.delta = delta / one;
+        }
+        let noise =
+            if settings.noise_std.is_some() { (self.seen.count as f64).sqrt() } else { 0.0 };
+        let nearest = settings.lower_s.max(0.0).max(-settings.upper_s.min(0.0));
+        let size = (along * one).max(noise).max(nearest * self.solver.unit);
+        let must = "below 1e150 in units of the noise";
+        check_range("norm of the data", size, size.is_finite(), must)?;
+        if size > 0.0 && (self.scale == 0.0 || size > OUTGROWN * self.scale) {
+            let grown = size / one;
+            self.scale = size;
+            self.delta /= grown;
+            self.target.divide(grown);
+            self.frames.grow(grown, self.solver.settings.fidelity == Fidelity::Penalised);
+            self.set_anchor();
+        }
+        Ok(())
+    }
+
+    /// Computes the anchor and its coefficients from the image.
+    fn set_anchor(&mut self) {
+        let per_image = self.solver.unit / self.one();
+        for (&cell, x) in self.solver.skin.operators.places.cells.iter().zip(&self.image) {
+            self.anchor[cell] = x * per_image;
+        }
+        self.renew_coefficients();
+        self.is_stale = true;
+    }
+
+    fn renew_coefficients(&mut self) {
+        let ops = &self.solver.skin.operators;
+        let (x, sums, out) = (self.anchor.as_slice(), &mut self.sums, &mut self.coefficients);
+        let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums, out };
+        self.solver.skin.arch.dispatch(analyse);
+    }
+
+    /// Computes the innovation `t - F' V' x^`.
+    fn innovate(&mut self) {
+        let rank = self.solver.rank();
+        self.seen.apply(&self.coefficients[..rank], &mut self.beta[..rank]);
+        let rows = self.beta.iter_mut().zip(&self.target.values).take(self.seen.rows);
+        rows.for_each(|(beta, t)| *beta = t - *beta);
+    }
+
+    /// Returns whether the skin is at rest; counts quiet frames.
+    fn is_quiet(&mut self) -> bool {
+        let settings = &self.solver.settings;
+        let is_zero = self.image.iter().all(|x| *x == 0.0);
+        let threshold = match settings.noise_std {
+            Some(_) => quiet_threshold(self.seen.count as f64),
+            None => 0.0,
+        };
+        let is_noise = self.square() <= threshold;
+        self.quiet_frames = if is_noise { self.quiet_frames + 1 } else { 0 };
+        let zero_allowed = settings.lower_s <= 0.0 && settings.upper_s >= 0.0;
+        let is_long = !self.is_linked() || self.quiet_frames >= REST_AFTER;
+        is_noise && zero_allowed && (is_zero || is_long)
+    }
+
+    /// Returns the squared norm of the data.
+    fn square(&self) -> f64 {
+        let values = self.target.values.iter().map(|t| t * t).sum::<f64>();
+        (values + self.target.rest_squared) * self.one() * self.one()
+    }
+
+    /// Returns the zero image of a skin at rest.
+    fn rest(&mut self, start: Instant) -> CausalStep<'_> {
+        self.record.clear();
+        if self.image.iter().any(|x| *x != 0.0) {
+            self.restart();
+        }
+        let square = self.square();
+        let primal = if self.ball().is_some() { 0.0 } else { 0.5 * square };
+        CausalStep {
+            image: &self.image,
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            // the zero image is not proven optimal, but the data agrees with it to within the noise
+            certificate: Certificate { primal, lower_bound: 0.0 },
+            residual: square.sqrt(),
+            quiet: true,
+            in_double: false,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Makes the new image the anchor.
+    fn report(&mut self, end: End) {
+        // without a feasible image, for example after a deadline, the previous image is held
+        if !self.record.primal.is_finite() {
+            return;
+        }
+        let per_image = self.one() / self.solver.unit;
+        let [lower, upper] = self.bounds_s();
+        let cells = &self.solver.skin.operators.places.cells;
+        for (&cell, out) in cells.iter().zip(&mut self.image) {
+            let d = self.record.change[cell];
+            if d != 0.0 {
+                self.anchor[cell] += d;
+                // clip again, so that bounds hold exactly after scaling
+                *out = (self.anchor[cell] * per_image).clamp(lower, upper);
+            }
+        }
+        if self.pushed.is_multiple_of(RENEW) || end != End::Proven {
+            return self.renew_coefficients();
+        }
+        let ops = &self.solver.skin.operators;
+        let (x, out) = (self.record.change.as_slice(), &mut self.record.coefficients);
+        let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums: &mut self.sums, out };
+        self.solver.skin.arch.dispatch(analyse);
+        let changes = self.coefficients.iter_mut().zip(&self.record.coefficients);
+        changes.for_each(|(c, d)| *c += d);
+    }
+
+    fn step(&self, end: End, start: Instant) -> CausalStep<'_> {
+        let one = self.one();
+        let objective = match self.ball() {
+            None => one * one,
+            Some(_) => largest_weight(&self.solver, &self.settings) * one / self.solver.unit,
+        };
+        CausalStep {
+            image: &self.image,
+            status: match end {
+                End::Proven => SequenceStatus::Converged,
+                End::Deadline => SequenceStatus::Deadline,
+                End::Vanished => SequenceStatus::Stalled,
+                End::Cap | End::GaveUp => SequenceStatus::IterationCap,
+            },
+            iterations: self.record.iterations,
+            certificate: Certificate {
+                primal: self.record.primal * objective,
+                lower_bound: self.record.lower_bound * objective,
+            },
+            residual: self.record.misfit * one,
+            quiet: false,
+            in_double: self.record.is_double,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+}
+
+fn largest_weight(solver: &StTv, settings: &CausalSettings) -> f64 {
+    solver.settings.lambda_space.max(solver.settings.lambda_time * settings.time_share)
+}
+
+/// Returns the problem of a frame with its channels, data and radius, linked to an image with its innovation, where
+/// data of norm `one` is 1.
+fn problem<'a>(
+    solver: &'a StTv,
+    settings: &CausalSettings,
+    (seen, target, delta): (&'a Seen, &'a Target, &'a f64),
+    (image, beta): (&'a [f64], &'a [f64]),
+    one: f64,
+) -> Problem<'a> {
+    let StTvSettings { lambda_space, lambda_time, fidelity, lower_s, upper_s, .. } =
+        solver.settings;
+    let is_penalised = fidelity == Fidelity::Penalised;
+    let per_weight = match is_penalised {
+        true => 1.0 / (solver.unit * one),
+        false => 1.0 / largest_weight(solver, settings),
+    };
+    let per_image = solver.unit / one;
+    let bounds = [lower_s * per_image, upper_s * per_image];
+    let lambda = lambda_time * settings.time_share * per_weight;
+    Problem {
+        skin: &solver.skin,
+        modes: from_ref(seen),
+        mode_of: &[0],
+        targets: from_ref(target),
+        delta: (!is_penalised).then_some(from_ref(delta)),
+        lambda_space: lambda_space * per_weight,
+        lambda_time: 0.0,
+        anchor: Some(Anchor { lambda, image, beta }),
+        bounds: solver.settings.bounded().then_some(bounds),
+        target_gap: settings.target_gap,
+    }
+}

@@ -55,10 +55,9 @@ impl<T: Float> Chain<T> {
         }
     }
 
-    /// Computes slopes and dual for a tube of the given radius where frames are linked to the next one
-    /// (1 in `links`), and of radius 0 elsewhere.
+    /// Computes slopes and dual for a tube of the given radius.
     #[inline(always)]
-    pub(super) fn pull(&mut self, radius: T, links: &[T]) {
+    pub(super) fn pull(&mut self, radius: T) {
         let frames = self.data.len();
         let zero = T::default();
         let (mut width, mut total) = (zero, zero);
@@ -69,37 +68,35 @@ impl<T: Float> Chain<T> {
         }
         let mean = total / width;
         let (mut sum, mut excess) = (zero, zero);
-        let rows = self.sums.iter_mut().zip(&self.weights).zip(&self.data).zip(links);
-        let mut limit = zero;
-        for (((out, sigma), v), link) in rows {
+        let rows = self.sums.iter_mut().zip(&self.weights).zip(&self.data);
+        for ((out, sigma), v) in rows {
             // of the frame before: the last sum is 0 up to rounding
-            excess = excess.max(sum.abs() - limit);
+            excess = excess.max(sum.abs() - radius);
             sum += (zero - *sigma).mul_add(mean, *v);
-            limit = radius * *link;
             *out = sum;
         }
         if excess <= zero {
             self.slopes.fill(mean);
             self.dual.iter_mut().zip(&self.sums).for_each(|(q, sum)| *q = zero - *sum);
         } else {
-            self.bend(radius, links, mean);
+            self.bend(radius, mean);
         }
         self.dual[frames - 1] = zero;
     }
 
     /// Pulls the string around the corners of the tube, from one bend to the next.
     #[inline(always)]
-    fn bend(&mut self, radius: T, links: &[T], mean: T) {
+    fn bend(&mut self, radius: T, mean: T) {
         let (mut first, mut from, mut height) = (0, T::default(), T::default());
         while first < self.data.len() {
-            let (touch, side) = self.next_bend(first, from, height, radius, links);
+            let (touch, side) = self.next_bend(first, from, height, radius);
             let Touch { slope, frame: last } = touch;
             for t in first..last {
                 let string = slope.mul_add(self.width[t] - from, height);
                 self.slopes[t] = mean + slope;
                 self.dual[t] = string - self.sums[t];
             }
-            let end = side * radius * links[last];
+            let end = side * radius;
             self.slopes[last] = mean + slope;
             self.dual[last] = end;
             (first, from, height) = (last + 1, self.width[last], self.sums[last] + end);
@@ -109,12 +106,12 @@ impl<T: Float> Chain<T> {
     /// Returns the next bend of the string after one before frame `first`, and on which side of the tube
     /// it is: 1 above, -1 below, 0 at the end.
     #[inline(always)]
-    fn next_bend(&self, first: usize, from: T, height: T, radius: T, links: &[T]) -> (Touch<T>, T) {
+    fn next_bend(&self, first: usize, from: T, height: T, radius: T) -> (Touch<T>, T) {
         let (zero, one) = (T::default(), T::from_f64(1.0));
         let end = self.data.len() - 1;
         let slopes = |t: usize| {
             let per_width = one / (self.width[t] - from);
-            let wide = if t == end { zero } else { radius * links[t] };
+            let wide = if t == end { zero } else { radius };
             let own = if t == end { zero } else { self.sums[t] } - height;
             [(own - wide) * per_width, (own + wide) * per_width]
         };
@@ -157,12 +154,11 @@ mod tests {
                     chain.weights[t] = if t / 8 % 2 == 0 { 0.3 } else { 2.0 };
                     chain.data[t] = random.normal();
                 }
-                let mut links: Vec<f64> = (0..frames).map(|t| f64::from(t % 7 != 5)).collect();
-                links[frames - 1] = 0.0;
-                chain.pull(radius, &links);
+                chain.pull(radius);
                 let mut before = 0.0;
-                for (t, link) in links.iter().enumerate() {
-                    let (q, limit) = (chain.dual[t], radius * link);
+                for t in 0..frames {
+                    let limit = if t + 1 < frames { radius } else { 0.0 };
+                    let q = chain.dual[t];
                     let sum = chain.weights[t].mul_add(chain.slopes[t], before - q);
                     assert!((sum - chain.data[t]).abs() < 1e-11, "{frames} {radius}");
                     assert!(q.abs() <= limit + 1e-11, "{frames} {radius}: {q} above {limit}");

@@ -1,11 +1,60 @@
 //! Small dense row-major matrices for the data steps.
 
-use super::kernel::dot;
 use crate::InverseError;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::{Col, Mat, Par, Spec};
-use pulp::{Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Returns the dot product.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut parts = [0.0; 8];
+    let (whole_a, rest_a) = a.as_chunks::<8>();
+    let (whole_b, rest_b) = b.as_chunks::<8>();
+    for (a, b) in whole_a.iter().zip(whole_b) {
+        for l in 0..8 {
+            parts[l] = a[l].mul_add(b[l], parts[l]);
+        }
+    }
+    let mut sum = (parts[0] + parts[4]) + (parts[1] + parts[5]);
+    sum += (parts[2] + parts[6]) + (parts[3] + parts[7]);
+    for (a, b) in rest_a.iter().zip(rest_b) {
+        sum += a * b;
+    }
+    sum
+}
+
+/// Computes `out = matrix x`, by rows, with eight partial sums that the compiler keeps in registers.
+#[inline(always)]
+pub(crate) fn rows_times(matrix: &[f64], x: &[f64], out: &mut [f64]) {
+    if x.is_empty() {
+        return out.fill(0.0);
+    }
+    for (row, out) in matrix.chunks_exact(x.len()).zip(out) {
+        *out = dot(row, x);
+    }
+}
+
+/// [`rows_times`] for callers outside of a vectorised loop.
+pub(crate) fn multiply(matrix: &[f64], x: &[f64], out: &mut [f64]) {
+    Arch::new().dispatch(Multiply { matrix, x, out });
+}
+
+struct Multiply<'a> {
+    matrix: &'a [f64],
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Multiply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        rows_times(self.matrix, self.x, self.out);
+    }
+}
 
 /// Inverts a symmetric matrix whose eigenvalues are at least 1, in place.
 pub(crate) struct Invert<'a> {

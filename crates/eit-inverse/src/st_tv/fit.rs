@@ -1,277 +1,266 @@
 //! Exact data step of an iteration in the metric of the step map.
 //!
 //! ```text
-//! x^ = argmin data(x) + |x - w|^2_{T^-1} / 2  =  w - T V F y
-//! penalised:    y = M (F' V' w - b),           M = (I + F' G F)^-1,  G = V' T V
-//! constrained:  y = E mu r / (1 + mu e),       r = E' (F' V' w - b),  F' G F = E diag(e) E'
+//! d^ = argmin data(origin + d) + |d - w|^2_{T^-1} / 2  =  w - T V F y
+//! penalised:    y = M (F' V' w - beta),        M = (I + F' G F)^-1,  G = V' T V
+//! constrained:  y = E mu r / (1 + mu e),       r = E' (F' V' w - beta),  F' G F = E diag(e) E'
 //! ```
 //!
-//! with the data residual `|F' c - b|` of a frame's channels in terms of the coefficients `c = V' x`.
-//! Frames of one block that have the same channels share one such step.
-//!
-//! Over 300 lines because changes of the step map, of the channels and of the data all update the same
-//! set of steps.
+//! with the data residual `|F' c - beta|` of a frame's channels in terms of the coefficients `c = V' d`, and
+//! `beta = b - F' V' origin`. Frames of one span that have the same channels share one such step.
 
-mod kernels;
-
-use super::data::seen::{Seen, Target};
-use super::dense::{Congruent, Eigen, Invert};
-use super::float::Float;
-use super::kernel::{CHUNK, LANES, RANKS};
+use super::ball;
+use super::data::Seen;
+use super::dense::{Congruent, Eigen, Invert, multiply, rows_times};
+use super::iterate::Expand;
+use super::lanes::{LANES, Project, each, load, splat, store};
 use super::operators::Operators;
-use super::problem::{DataTerm, Problem};
-use super::state::{REFRESH, State};
+use super::problem::Problem;
+use super::state::{SPAN, State};
 use crate::InverseError;
-use kernels::{Apply, Gram};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Largest `tau s^2` in the tail, whose steps are explicit.
+const EXPLICIT: f64 = 0.04;
 
 /// Data steps of all frames.
 #[derive(Debug, Clone)]
 pub(crate) struct DataSteps<T> {
-    /// Number of ranks in the exact step, a multiple of [`RANKS`]; see [`super::engine`] for the others.
-    head: usize,
-    /// `G` of each block of frames, `[block][rank][rank]`; empty before the first step map.
+    /// Number of ranks in the exact step, a multiple of [`LANES`]; see [`super::iterate`] for the others.
+    pub(crate) head: usize,
+    rank: usize,
+    padded: usize,
+    /// `G` of each span of frames, `[span][rank][rank]`.
     gram: Vec<f64>,
     steps: Vec<DataStep<T>>,
     /// Number of steps in use, at the start of `steps`.
     used: usize,
     /// Index of each frame's step.
     step_of: Vec<usize>,
+    /// `beta`, `[frame][padded rank]`; in `T` for the head, and turned by `E'` for constraints.
+    beta: Vec<f64>,
+    head_beta: Vec<T>,
+    turned: Vec<f64>,
     /// `S` of the whole protocol, `[padded rank]`.
     singular: Vec<T>,
-    /// `b` in the coordinates of each frame's step, `[padded rank][stride]`.
-    targets: Vec<T>,
-    /// Residual: `M^-1 y`, or `E' y` for constrained data, `[padded rank][stride]`.
-    residual: Vec<T>,
-    force: Vec<T>,
-    columns: [Vec<[T; LANES]>; 2],
-    /// Rows of `T^1/2 V` of a chunk of unknowns, `[unknown][padded rank]`, and the sum of their products.
-    scaled: Vec<T>,
+    /// Dual of the tail, `[frame][padded rank]`.
+    tail_dual: Vec<f64>,
+    /// Squared radius and multiplier of each constrained frame.
+    balls: Vec<f64>,
+    multipliers: Vec<f64>,
+    /// Relative reduction of the radii of the iteration, which keeps images feasible that are clipped to bounds.
+    pub(crate) margin: f64,
+    /// Scratch memory: columns, a Gram matrix in `T`, matrices.
+    columns: [Vec<f64>; 2],
+    head_column: Vec<T>,
     product: Vec<T>,
     half: Vec<f64>,
-    matrix: Vec<f64>,
     eigen: Option<Eigen>,
-    /// Relative reduction of the radius of a data constraint, see [`margin`].
-    margin: f64,
-    /// Factor on the margin, which decreases during a long solve.
-    pub(crate) fading: f64,
 }
 
-/// Data step of the frames of one block that have the same channels.
+/// Data step of the frames of one span that have the same channels.
 #[derive(Debug, Clone)]
-struct DataStep<T> {
-    block: usize,
+pub(crate) struct DataStep<T> {
+    span: usize,
     good: Vec<bool>,
-    is_whole: bool,
-    /// Frames of the block that use this step.
-    lanes: [bool; LANES],
-    rows: usize,
-    /// `F'`, or `E' F'`, `[row][head]`; not used by penalised frames without masked channels.
-    forward: Vec<T>,
-    /// `F M`, or `F E`, `[head][row]`.
-    back: Vec<T>,
-    /// `e`; not used by penalised frames.
-    values: Vec<f64>,
-    /// `M` or `E'`, by rows.
-    turn: Vec<f64>,
-    /// Squared constraint radius of each frame.
-    squares: [f64; LANES],
+    is_used: bool,
+    /// Whether the data separates by ranks, so that the step runs over the head.
+    is_head: bool,
+    pub(crate) rows: usize,
+    /// `M`, `[row of F'][row of F']`; of the head in both types.
+    inverse: Vec<f64>,
+    head_inverse: Vec<T>,
+    /// `F'` and `F M`, or `F'` and `F` turned by the eigenvectors, `[row][rank]` and `[rank][row]`.
+    forward: Vec<f64>,
+    pub(crate) back: Vec<f64>,
+    /// `e`, and `E'` by rows.
+    pub(crate) values: Vec<f64>,
+    pub(crate) vectors: Vec<f64>,
 }
 
-impl<T: Float> DataSteps<T> {
+impl<T: Project> DataStep<T> {
+    fn new(rank: usize, padded: usize, measurements: usize) -> Self {
+        Self {
+            span: 0,
+            good: vec![false; measurements],
+            is_used: false,
+            is_head: false,
+            rows: 0,
+            inverse: vec![0.0; padded * padded],
+            head_inverse: vec![T::default(); padded * padded],
+            forward: vec![0.0; rank * rank],
+            back: vec![0.0; rank * rank],
+            values: vec![0.0; rank],
+            vectors: vec![0.0; rank * rank],
+        }
+    }
+}
+
+impl<T: Project> DataSteps<T> {
     /// Allocates memory for the steps of these frames, initially for `most` different ones.
-    pub(crate) fn new(
-        problem: &Problem<'_>,
-        ops: &Operators<T>,
-        state: &State<T>,
-        most: usize,
-        target_gap: f64,
-    ) -> Self {
-        let (rank, padded) = (ops.rank, ops.padded_rank);
-        let is_constrained = problem.data_term != DataTerm::Penalised;
-        let zero = T::default();
-        let mut singular: Vec<T> = problem.singular.iter().map(|s| T::from_f64(*s)).collect();
-        singular.resize(padded, zero);
+    pub(crate) fn new(problem: &Problem<'_>, ops: &Operators<T>, most: usize) -> Self {
+        let (frames, rank, padded) = (problem.frames(), ops.rank, ops.padded);
         let measurements = problem.modes.first().map_or(0, |mode| mode.good.len());
+        let mut singular: Vec<T> = problem.skin.singular.iter().map(|s| T::from_f64(*s)).collect();
+        singular.resize(padded, T::default());
         Self {
             head: padded,
-            gram: vec![0.0; state.blocks() * rank * rank],
-            steps: (0..most).map(|_| DataStep::new(measurements, ops)).collect(),
+            rank,
+            padded,
+            gram: vec![0.0; frames.div_ceil(SPAN) * rank * rank],
+            steps: (0..most).map(|_| DataStep::new(rank, padded, measurements)).collect(),
             used: 0,
-            step_of: vec![0; state.frames],
+            step_of: vec![0; frames],
+            beta: vec![0.0; frames * padded],
+            head_beta: vec![T::default(); frames * padded],
+            turned: vec![0.0; if problem.delta.is_some() { frames * padded } else { 0 }],
             singular,
-            targets: vec![zero; padded * state.stride],
-            residual: vec![zero; padded * state.stride],
-            force: vec![zero; padded * state.stride],
-            columns: std::array::from_fn(|_| vec![[zero; LANES]; padded]),
-            scaled: vec![zero; CHUNK * padded],
-            product: vec![zero; padded * padded],
+            tail_dual: vec![0.0; frames * padded],
+            balls: vec![0.0; frames],
+            multipliers: vec![0.0; frames],
+            margin: 0.0,
+            columns: std::array::from_fn(|_| vec![0.0; padded]),
+            head_column: vec![T::default(); padded],
+            product: vec![T::default(); padded * padded],
             half: vec![0.0; rank * rank],
-            matrix: vec![0.0; rank * rank],
-            eigen: is_constrained.then(|| Eigen::new(rank)),
-            margin: margin(T::EPSILON, problem, target_gap),
-            fading: 1.0,
+            eigen: problem.delta.is_some().then(|| Eigen::new(rank)),
         }
+    }
+
+    /// Returns the step of a frame.
+    pub(crate) fn step(&self, frame: usize) -> &DataStep<T> {
+        &self.steps[self.step_of[frame]]
     }
 
     /// Sets up the data steps for a new step map.
     pub(crate) fn set_map(
         &mut self,
-        arch: Arch,
         problem: &Problem<'_>,
         ops: &Operators<T>,
-        state: &mut State<T>,
+        state: &State<T>,
     ) -> Result<(), InverseError> {
         self.head = head(problem, ops, state);
-        for block in 0..state.blocks() {
-            self.set_gram(arch, ops, state, block);
+        for span in 0..state.spans() {
+            let tau = &state.tau[span * state.cells..][..state.cells];
+            let out = &mut self.product;
+            problem.skin.arch.dispatch(Gram { ops, tau, ranks: self.head, out });
+            let own = &mut self.gram[span * self.rank * self.rank..][..self.rank * self.rank];
+            for i in 0..self.head.min(self.rank) {
+                for j in 0..=i {
+                    // only the upper triangle was computed
+                    let value = self.product[j * self.padded + i].to_f64();
+                    own[i * self.rank + j] = value;
+                    own[j * self.rank + i] = value;
+                }
+            }
         }
         self.used = 0;
-        self.assign(arch, problem, ops, state)
+        self.assign(problem, ops, state)
     }
 
-    /// Computes `G` of a block of frames.
-    fn set_gram(&mut self, arch: Arch, ops: &Operators<T>, state: &State<T>, block: usize) {
-        let (head, rank, padded) = (self.head, ops.rank, ops.padded_rank);
-        let Self { scaled, product, gram, .. } = self;
-        arch.dispatch(Gram { ops, state, block, head, scaled, product });
-        let own = &mut gram[block * rank * rank..][..rank * rank];
-        for i in 0..head.min(rank) {
-            for j in 0..=i {
-                // only the upper triangle was computed
-                let value = product[j * padded + i].to_f64();
-                own[i * rank + j] = value;
-                own[j * rank + i] = value;
-            }
-        }
-    }
-
-    /// Assigns to each frame the step of its channels, building missing ones.
+    /// Assigns to each frame the step of its channels, building missing ones, and its constraint.
     pub(crate) fn assign(
         &mut self,
-        arch: Arch,
         problem: &Problem<'_>,
         ops: &Operators<T>,
-        state: &mut State<T>,
+        state: &State<T>,
     ) -> Result<(), InverseError> {
-        if self.head != head(problem, ops, state).max(self.head) {
-            return self.set_map(arch, problem, ops, state);
-        }
-        state.head = self.head;
-        for step in &mut self.steps[..self.used] {
-            step.lanes = [false; LANES];
+        if !problem.is_diagonal() && self.head < self.padded {
+            return self.set_map(problem, ops, state);
         }
         // mark the steps still in use; the others can be overwritten
+        self.steps.iter_mut().for_each(|step| step.is_used = false);
         for frame in 0..state.frames {
-            if let Some(index) = self.find(problem, frame) {
-                self.steps[index].lanes[frame % LANES] = true;
+            if let Some(index) = self.find(problem.mode(frame), frame) {
+                self.steps[index].is_used = true;
             }
         }
         for frame in 0..state.frames {
-            let mode = &problem.modes[problem.mode_of[frame]];
-            let index = match self.find(problem, frame) {
+            let mode = problem.mode(frame);
+            let index = match self.find(mode, frame) {
                 Some(index) => index,
-                None => self.build(arch, ops, mode, frame / LANES)?,
+                None => self.build(problem.skin.arch, mode, frame / SPAN)?,
             };
+            self.steps[index].is_used = true;
             self.step_of[frame] = index;
-            let step = &mut self.steps[index];
-            step.lanes[frame % LANES] = true;
-            let target = &problem.targets[frame];
-            step.squares[frame % LANES] = match problem.data_term {
-                DataTerm::Penalised => 0.0,
-                DataTerm::Constrained(delta) => {
-                    let inside = delta[frame].powi(2) - target.rest_squared;
-                    let margin = (self.fading * self.margin).max(1e3 * T::EPSILON);
-                    inside.max(0.0) * (1.0 - margin).powi(2)
-                }
-            };
-            self.set_target(index, target, frame, state.stride);
+            self.balls[frame] = problem.ball(frame).unwrap_or(0.0) * (1.0 - self.margin).powi(2);
+            self.turn(frame);
         }
         Ok(())
     }
 
-    fn find(&self, problem: &Problem<'_>, frame: usize) -> Option<usize> {
-        let mode = &problem.modes[problem.mode_of[frame]];
-        let fits = |s: &DataStep<T>| s.block == frame / LANES && s.good == mode.good;
+    fn find(&self, mode: &Seen, frame: usize) -> Option<usize> {
+        let fits = |s: &DataStep<T>| s.span == frame / SPAN && s.good == mode.good;
         self.steps[..self.used].iter().position(fits)
     }
 
-    fn set_target(&mut self, index: usize, target: &Target, frame: usize, stride: usize) {
-        let step = &self.steps[index];
-        let rows = step.rows;
-        for k in 0..self.targets.len() / stride {
-            let turned = self.eigen.is_some() && k < rows;
-            let value = match turned {
-                true => {
-                    let row = &step.turn[k * rows..][..rows];
-                    row.iter().zip(&target.values).map(|(e, b)| e * b).sum()
-                }
-                false => target.values.get(k).copied().unwrap_or(0.0),
-            };
-            self.targets[k * stride + frame] = T::from_f64(value);
-        }
-    }
-
-    /// Builds the step of a block for these channels.
-    fn build(
-        &mut self,
-        arch: Arch,
-        ops: &Operators<T>,
-        mode: &Seen,
-        block: usize,
-    ) -> Result<usize, InverseError> {
-        let unused = |s: &DataStep<T>| !s.lanes.contains(&true);
-        let index = match self.steps[..self.used].iter().position(unused) {
+    /// Builds the step of a span for these channels.
+    fn build(&mut self, arch: Arch, mode: &Seen, span: usize) -> Result<usize, InverseError> {
+        let index = match self.steps[..self.used].iter().position(|step| !step.is_used) {
             Some(index) => index,
             None => {
                 self.used += 1;
                 self.used - 1
             }
         };
+        let (rank, head) = (self.rank, self.head);
         if index == self.steps.len() {
-            self.steps.push(DataStep::new(mode.good.len(), ops));
+            self.steps.push(DataStep::new(rank, self.padded, mode.good.len()));
         }
-        let rank = ops.rank;
-        let gram = &self.gram[block * rank * rank..][..rank * rank];
-        let step = &mut self.steps[index];
-        step.lanes = [false; LANES];
-        step.block = block;
+        let gram = &self.gram[span * rank * rank..][..rank * rank];
+        let Self { steps, half, eigen, .. } = self;
+        let step = &mut steps[index];
+        step.span = span;
         step.good.copy_from_slice(&mode.good);
-        step.is_whole = mode.is_whole;
-        step.rows = if mode.is_whole { self.head.min(rank) } else { mode.rows };
+        step.is_head = mode.is_whole && eigen.is_none();
+        step.rows = mode.rows;
         let rows = step.rows;
-        let matrix = &mut self.matrix[..rows * rows];
-        let seen = |i: usize, k: usize| mode.transposed[i * rank + k];
-        if mode.is_whole {
-            for (i, row) in matrix.chunks_exact_mut(rows.max(1)).enumerate() {
-                for (j, value) in row.iter_mut().enumerate() {
-                    *value = seen(i, i) * gram[i * rank + j] * seen(j, j);
+        if step.is_head {
+            let known = |i: usize| i < rank;
+            for i in 0..head {
+                for j in 0..head {
+                    let own = &mut step.inverse[i * head + j];
+                    *own = if i == j { 1.0 } else { 0.0 };
+                    if known(i) && known(j) {
+                        let (s, r) =
+                            (mode.transposed[i * (rank + 1)], mode.transposed[j * (rank + 1)]);
+                        *own += s * gram[i * rank + j] * r;
+                    }
                 }
             }
-        } else {
-            let (f, half, out) = (&mode.transposed, &mut self.half, &mut *matrix);
-            arch.dispatch(Congruent { f, gram, half, rank, rows, out });
+            arch.dispatch(Invert { matrix: &mut step.inverse[..head * head], n: head });
+            let pairs = step.head_inverse.iter_mut().zip(&step.inverse[..head * head]);
+            pairs.for_each(|(out, value)| *out = T::from_f64(*value));
+            return Ok(index);
         }
-        let ranks = self.head.min(rank);
-        step.back.fill(T::default());
-        match &mut self.eigen {
+        let inverse = &mut step.inverse[..rows * rows];
+        arch.dispatch(Congruent { f: &mode.transposed, gram, half, rank, rows, out: inverse });
+        let DataStep { inverse, forward, back, values, vectors, .. } = step;
+        let inverse = &mut inverse[..rows * rows];
+        let of_f = || mode.transposed.chunks_exact(rank).take(rows);
+        match eigen {
             None => {
-                (0..rows).for_each(|i| matrix[i * rows + i] += 1.0);
-                arch.dispatch(Invert { matrix, n: rows });
-                step.turn[..rows * rows].copy_from_slice(matrix);
-                step.take_penalised(self.head, rank, mode);
+                (0..rows).for_each(|i| inverse[i * rows + i] += 1.0);
+                arch.dispatch(Invert { matrix: inverse, n: rows });
+                forward[..rows * rank].copy_from_slice(&mode.transposed[..rows * rank]);
+                // rows of F M, as sums of rows of M
+                back[..rank * rows].fill(0.0);
+                for (f, m) in of_f().zip(inverse.chunks_exact(rows.max(1))) {
+                    for (f, out) in f.iter().zip(back.chunks_exact_mut(rows)) {
+                        out.iter_mut().zip(m).for_each(|(o, m)| *o += f * m);
+                    }
+                }
             }
             Some(eigen) => {
-                eigen.set(matrix, rows, &mut step.values, &mut step.turn[..rows * rows])?;
-                for i in 0..rows {
-                    let vector = &step.turn[i * rows..][..rows];
-                    for k in 0..ranks {
-                        let value: f64 = match mode.is_whole {
-                            true => vector[k] * seen(k, k),
-                            false => (0..rows).map(|j| vector[j] * seen(j, k)).sum(),
-                        };
-                        step.forward[i * self.head + k] = T::from_f64(value);
-                        step.back[k * rows + i] = T::from_f64(value);
+                eigen.set(inverse, rows, values, &mut vectors[..rows * rows])?;
+                for (i, vector) in vectors.chunks_exact(rows.max(1)).enumerate().take(rows) {
+                    let out = &mut forward[i * rank..][..rank];
+                    out.fill(0.0);
+                    for (e, f) in vector.iter().zip(of_f()) {
+                        out.iter_mut().zip(f).for_each(|(o, f)| *o += e * f);
+                    }
+                    for (k, value) in out.iter().enumerate() {
+                        back[k * rows + i] = *value;
                     }
                 }
             }
@@ -279,112 +268,208 @@ impl<T: Float> DataSteps<T> {
         Ok(index)
     }
 
-    /// Writes the data dual of a frame, `[row of F']`.
-    pub(crate) fn dual(&self, frame: usize, stride: usize, out: &mut [f64]) {
-        let step = &self.steps[self.step_of[frame]];
-        let rows = step.rows;
-        let own = |k: usize| self.residual[k * stride + frame].to_f64();
-        // beyond the head of frames without masked channels the residual is the dual
-        for (k, y) in out.iter_mut().enumerate() {
-            *y = if step.is_whole { own(k) } else { 0.0 };
+    /// Sets `beta` of a frame, `[row of F']`.
+    pub(crate) fn set_beta(&mut self, frame: usize, beta: impl Iterator<Item = f64>) {
+        let range = frame * self.padded..(frame + 1) * self.padded;
+        let rows = self.beta[range.clone()].iter_mut().zip(&mut self.head_beta[range]);
+        for ((own, head), value) in rows.zip(beta.chain(std::iter::repeat(0.0))) {
+            (*own, *head) = (value, T::from_f64(value));
         }
-        out[..rows].fill(0.0);
-        for (i, row) in step.turn.chunks_exact(rows.max(1)).enumerate().take(rows) {
-            match self.eigen {
-                None => out[i] = row.iter().enumerate().map(|(k, m)| m * own(k)).sum(),
-                Some(_) => {
-                    let share = own(i);
-                    out[..rows].iter_mut().zip(row).for_each(|(y, e)| *y += share * e);
+        if self.used > 0 {
+            self.turn(frame);
+        }
+    }
+
+    /// Turns `beta` of a frame by the eigenvectors of its constraint.
+    fn turn(&mut self, frame: usize) {
+        if self.turned.is_empty() {
+            return;
+        }
+        let (step, at) = (&self.steps[self.step_of[frame]], frame * self.padded);
+        let (rows, vectors) = (step.rows, &step.vectors[..step.rows * step.rows]);
+        multiply(vectors, &self.beta[at..][..rows], &mut self.turned[at..][..rows]);
+    }
+
+    /// Sets the force of the tail from the residuals `F' V' x - b` of the images, `[frame][padded rank]`, or from those
+    /// of the origin.
+    pub(crate) fn set_tail(
+        &mut self,
+        problem: &Problem<'_>,
+        ops: &Operators<T>,
+        state: &mut State<T>,
+        residual: Option<&[f64]>,
+    ) {
+        state.has_tail = self.head < self.rank;
+        if !state.has_tail {
+            return;
+        }
+        state.forces.fill(T::default());
+        for at in (0..state.frames * self.padded).filter(|at| at % self.padded >= self.head) {
+            let y = residual.map_or(-self.beta[at], |residual| residual[at]);
+            self.tail_dual[at] = y;
+            state.forces[at] = T::from_f64(self.singular[at % self.padded].to_f64() * y);
+        }
+        let (ranks, z, out) = (self.head..self.padded, &state.forces, &mut state.tail);
+        let frames = state.frames;
+        problem.skin.arch.dispatch(Expand { ops, frames, ranks, z, add: false, out });
+    }
+
+    /// Computes the force `F y` of the data from the coefficients `V' w` of frames from `first` on,
+    /// `[frame][padded rank]`.
+    #[inline(always)]
+    pub(super) fn apply(&mut self, first: usize, coefficients: &[T], forces: &mut [T]) {
+        let (padded, rank, head) = (self.padded, self.rank, self.head);
+        let Self { steps, step_of, beta, head_beta, turned, singular, .. } = self;
+        let rows = coefficients.chunks_exact(padded).zip(forces.chunks_exact_mut(padded));
+        for (index, (c, out)) in rows.enumerate() {
+            let frame = first + index;
+            let (step, at) = (&steps[step_of[frame]], frame * padded);
+            if step.is_head {
+                let own = &mut self.head_column[..head];
+                let data = &head_beta[at..][..head];
+                for (k, own) in own.iter_mut().enumerate() {
+                    *own = singular[k].mul_add(c[k], T::default() - data[k]);
+                }
+                multiply_head(&step.head_inverse[..head * head], own, out);
+                out[..head].iter_mut().zip(&*singular).for_each(|(z, s)| *z = *z * *s);
+                continue;
+            }
+            let [own, second] = &mut self.columns;
+            let (own, u) = (&mut own[..rank], &mut second[..step.rows]);
+            own.iter_mut().zip(c).for_each(|(own, c)| *own = c.to_f64());
+            rows_times(&step.forward, own, u);
+            let data = if turned.is_empty() { &beta[at..] } else { &turned[at..] };
+            u.iter_mut().zip(data).for_each(|(u, b)| *u -= b);
+            if !turned.is_empty() {
+                let values = &step.values[..step.rows];
+                let terms = || u.iter().copied().zip(values.iter().copied());
+                let mu = ball::multiplier(terms, self.balls[frame]);
+                self.multipliers[frame] = mu;
+                u.iter_mut().zip(values).for_each(|(u, e)| *u = ball::dual(*u, *e, mu));
+            }
+            rows_times(&step.back[..rank * step.rows], u, own);
+            out.iter_mut().zip(own).for_each(|(z, own)| *z = T::from_f64(*own));
+        }
+    }
+
+    /// Computes the data dual of a frame's last iteration, `[row of F']`.
+    pub(crate) fn dual(&mut self, arch: Arch, state: &State<T>, frame: usize, out: &mut [f64]) {
+        arch.dispatch(Dual { data: self, coefficients: &state.coefficients, frame, out });
+    }
+}
+
+/// The data dual of one frame.
+struct Dual<'a, T> {
+    data: &'a mut DataSteps<T>,
+    coefficients: &'a [T],
+    frame: usize,
+    out: &'a mut [f64],
+}
+
+impl<T: Project> WithSimd for Dual<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { data, coefficients, frame, out } = self;
+        let (at, rank) = (frame * data.padded, data.rank);
+        let step = &data.steps[data.step_of[frame]];
+        let (rows, c) = (step.rows, &coefficients[at..]);
+        let [first, u] = &mut data.columns;
+        out.fill(0.0);
+        if step.is_head {
+            let (head, known) = (data.head, data.head.min(rank));
+            u[..head].fill(0.0);
+            for (k, u) in u.iter_mut().enumerate().take(known) {
+                *u = data.singular[k].to_f64() * c[k].to_f64() - data.beta[at + k];
+            }
+            rows_times(&step.inverse[..known * head], &u[..head], &mut out[..known]);
+            out[known..rank].copy_from_slice(&data.tail_dual[at + known..at + rank]);
+            return;
+        }
+        first.iter_mut().zip(c).for_each(|(own, c)| *own = c.to_f64());
+        let u = &mut u[..rows];
+        rows_times(&step.forward, &first[..rank], u);
+        if data.turned.is_empty() {
+            u.iter_mut().zip(&data.beta[at..]).for_each(|(u, b)| *u -= b);
+            return rows_times(&step.inverse[..rows * rows], u, &mut out[..rows]);
+        }
+        u.iter_mut().zip(&data.turned[at..]).for_each(|(u, b)| *u -= b);
+        let vectors = step.vectors.chunks_exact(rows.max(1)).zip(&step.values);
+        for ((vector, value), u) in vectors.zip(u) {
+            let turned = ball::dual(*u, *value, data.multipliers[frame]);
+            out.iter_mut().zip(vector).for_each(|(y, e)| *y += turned * e);
+        }
+    }
+}
+
+/// Returns the number of ranks that need the exact step; all if the data does not separate by ranks.
+fn head<T: Project>(problem: &Problem<'_>, ops: &Operators<T>, state: &State<T>) -> usize {
+    if !problem.is_diagonal() {
+        return ops.padded;
+    }
+    let largest = state.tau.iter().fold(0.0_f64, |most, tau| most.max(tau.to_f64()));
+    let strong = problem.skin.singular.iter().take_while(|&s| largest * s * s > EXPLICIT).count();
+    strong.next_multiple_of(LANES).clamp(LANES, ops.padded)
+}
+
+/// Computes `out = M x` for `M` `[column][row]` of a head that is a multiple of [`LANES`].
+#[inline(always)]
+fn multiply_head<T: Project>(matrix: &[T], x: &[T], out: &mut [T]) {
+    let head = x.len();
+    for at in (0..head).step_by(LANES) {
+        let mut sum = splat(T::default());
+        for (column, x) in matrix.chunks_exact(head).zip(x) {
+            let m = load(column, at);
+            sum = each(|l| x.mul_add(m[l], sum[l]));
+        }
+        store(out, at, sum);
+    }
+}
+
+/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of their products.
+const CHUNK: usize = 64;
+const TILE: usize = 4;
+
+/// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`], in tiles.
+struct Gram<'a, T: Project> {
+    ops: &'a Operators<T>,
+    tau: &'a [T],
+    ranks: usize,
+    /// `[padded rank][padded rank]`.
+    out: &'a mut [T],
+}
+
+impl<T: Project> WithSimd for Gram<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, tau, ranks, out } = self;
+        let padded = ops.padded;
+        out.fill(T::default());
+        let cells = ops.places.cells.chunks(CHUNK);
+        for (rows, cells) in ops.rows.chunks(CHUNK * padded).zip(cells) {
+            for first in (0..ranks).step_by(TILE) {
+                for second in (first / LANES * LANES..ranks).step_by(LANES) {
+                    let mut sums = [[T::default(); LANES]; TILE];
+                    for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
+                        let right = load(row, second);
+                        let weight = tau[cell];
+                        for (i, sum) in sums.iter_mut().enumerate() {
+                            let left = weight * row[first + i];
+                            for l in 0..LANES {
+                                sum[l] = left.mul_add(right[l], sum[l]);
+                            }
+                        }
+                    }
+                    for (i, sum) in sums.iter().enumerate() {
+                        let at = (first + i) * padded + second;
+                        let old = load(out, at);
+                        store(out, at, each(|l| old[l] + sum[l]));
+                    }
                 }
             }
         }
     }
-
-    /// Replaces the image coefficients `c` of the tail by their force `s y`, `y = s c - b`.
-    pub(crate) fn pull(&mut self, coefficients: &mut [T], stride: usize, frames: usize) {
-        for k in self.head..coefficients.len() / stride {
-            for t in 0..frames {
-                let at = k * stride + t;
-                let y = self.singular[k] * coefficients[at] - self.targets[at];
-                self.residual[at] = y;
-                coefficients[at] = self.singular[k] * y;
-            }
-        }
-    }
-
-    /// Replaces the coefficients of `w` in the head, `[rank][stride]`, by the force of the data.
-    pub(crate) fn apply(&mut self, arch: Arch, coefficients: &mut [T], stride: usize) {
-        arch.dispatch(Apply { steps: self, coefficients, stride });
-    }
-}
-
-impl<T: Float> DataStep<T> {
-    fn new(measurements: usize, ops: &Operators<T>) -> Self {
-        let square = || vec![T::default(); ops.padded_rank * ops.padded_rank];
-        Self {
-            block: 0,
-            good: vec![false; measurements],
-            is_whole: false,
-            lanes: [false; LANES],
-            rows: 0,
-            forward: square(),
-            back: square(),
-            values: vec![0.0; ops.rank],
-            turn: vec![0.0; ops.rank * ops.rank],
-            squares: [0.0; LANES],
-        }
-    }
-
-    /// Sets `F'` and `F M`.
-    fn take_penalised(&mut self, head: usize, rank: usize, mode: &Seen) {
-        let rows = self.rows;
-        let rows_of = self.turn.chunks_exact(rows.max(1)).enumerate().take(rows);
-        if mode.is_whole {
-            for (i, row) in rows_of {
-                let s = mode.transposed[i * rank + i];
-                let back = self.back[i * rows..][..rows].iter_mut();
-                back.zip(row).for_each(|(b, m)| *b = T::from_f64(s * m));
-            }
-            return;
-        }
-        for (i, f) in mode.transposed.chunks_exact(rank).enumerate().take(rows) {
-            let forward = &mut self.forward[i * head..][..head];
-            forward.fill(T::default());
-            forward.iter_mut().zip(f).for_each(|(to, f)| *to = T::from_f64(*f));
-        }
-        let Self { values, turn, back, .. } = self;
-        let sums = &mut values[..rows];
-        for k in 0..rank {
-            sums.fill(0.0);
-            let pairs = turn.chunks_exact(rows.max(1)).zip(mode.transposed.chunks_exact(rank));
-            for (m, f) in pairs.take(rows) {
-                sums.iter_mut().zip(m).for_each(|(sum, m)| *sum += f[k] * m);
-            }
-            let back = back[k * rows..][..rows].iter_mut();
-            back.zip(&*sums).for_each(|(b, sum)| *b = T::from_f64(*sum));
-        }
-    }
-}
-
-/// Returns the number of ranks that need the exact step.
-///
-/// In the others an explicit step must not overshoot between two updates of the tail. All ranks need
-/// the exact step if the data does not separate by ranks.
-fn head<T: Float>(problem: &Problem<'_>, ops: &Operators<T>, state: &State<T>) -> usize {
-    let whole = |&mode: &usize| problem.modes[mode].is_whole;
-    if problem.data_term != DataTerm::Penalised || !problem.mode_of.iter().all(whole) {
-        return ops.padded_rank;
-    }
-    let largest = state.tau.iter().fold(0.0_f64, |most, tau| most.max(tau.to_f64()));
-    let least = 1.0 / (2.0 * REFRESH as f64 * largest);
-    let strong = problem.singular.iter().take_while(|&s| s * s > least).count();
-    strong.next_multiple_of(RANKS).clamp(RANKS, ops.padded_rank)
-}
-
-/// Returns the relative reduction of the radius of a data constraint. It keeps the image feasible
-/// despite rounding in the iteration and clipping to the bounds, and is small compared with the
-/// requested gap.
-fn margin(rounding: f64, problem: &Problem<'_>, target_gap: f64) -> f64 {
-    let of_bounds = if problem.bounds.is_some() { 0.05 * target_gap.min(1.0) } else { 0.0 };
-    (1e3 * rounding).max(of_bounds)
 }

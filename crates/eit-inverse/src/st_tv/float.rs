@@ -1,13 +1,11 @@
 //! The two floating-point types of the iteration.
 
-use super::products::Tiles;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// `f32` or `f64`.
 pub(crate) trait Float:
     Copy
     + Default
-    + Tiles
     + PartialOrd
     + Send
     + Sync

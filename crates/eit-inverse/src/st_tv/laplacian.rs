@@ -1,8 +1,7 @@
-//! Exact solves with `D' D` for many frames at once, which make nearly feasible dual variables
+//! Exact solves with `D' D` for several frames at once, which make nearly feasible dual variables
 //! feasible.
 
-use super::kernel::LANES;
-use super::operators::Rows;
+use super::differences::ScaledRows;
 use crate::InverseError;
 use faer::Par;
 use faer::Side;
@@ -14,13 +13,15 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMat, Triplet};
 use pulp::{Arch, Simd, WithSimd};
 
+/// Number of right-hand sides that are solved together.
+pub(crate) const SIDES: usize = 8;
+
 /// Cholesky factor `L` of `D' D` with one pinned unknown per part, stored by columns.
 ///
 /// A right-hand side that sums to zero on each part is solved exactly; the pin changes only the
 /// additive constant of the solution on a part.
 ///
-/// One solve costs `4 nnz(L)` flops per frame. The substitutions run along the frames, so that an
-/// entry of `L` and its index are read once for all of them.
+/// One solve costs `4 nnz(L)` flops per right-hand side; an entry of `L` and its index are read once for all of them.
 #[derive(Debug, Clone)]
 pub(crate) struct Laplacian {
     starts: Vec<u32>,
@@ -31,21 +32,21 @@ pub(crate) struct Laplacian {
 }
 
 impl Laplacian {
-    /// Factorises `D' D` for the rows of `D`; `part` labels the connected part of each unknown.
+    /// Factorises `D' D`; `part` labels the connected part of each unknown.
     pub(crate) fn new(
-        gradient: &Rows<f64>,
-        unknowns: usize,
+        scaled: &ScaledRows,
         part: &[u32],
         parts: usize,
     ) -> Result<Self, InverseError> {
+        let unknowns = part.len();
         let failed = InverseError::Factorisation { what: "the gradient's D'D", size: unknowns };
         let mut entries = Vec::new();
         let mut largest = 0.0_f64;
-        for row in 0..gradient.count() {
-            for (p, a) in gradient.row(row) {
+        for row in &scaled.rows {
+            for &(p, a) in row {
                 largest = largest.max(a * a);
-                for (q, b) in gradient.row(row).filter(|&(q, _)| q <= p) {
-                    entries.push(Triplet::new(p as u32, q as u32, a * b));
+                for &(q, b) in row.iter().filter(|&&(q, _)| q <= p) {
+                    entries.push(Triplet::new(p, q, a * b));
                 }
             }
         }
@@ -87,17 +88,16 @@ impl Laplacian {
         Ok(Self { starts, rows, values, order })
     }
 
-    /// Solves for all frames in place, `x` `[unknown][stride]`; `work` has the same length.
-    pub(crate) fn solve(&self, arch: Arch, x: &mut [f64], work: &mut [f64], stride: usize) {
-        arch.dispatch(Solve { laplacian: self, x, work, stride });
+    /// Solves for [`SIDES`] right-hand sides in place, `x` `[unknown]`; `work` has the same length.
+    pub(crate) fn solve(&self, arch: Arch, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
+        arch.dispatch(Solve { laplacian: self, x, work });
     }
 }
 
 struct Solve<'a> {
     laplacian: &'a Laplacian,
-    x: &'a mut [f64],
-    work: &'a mut [f64],
-    stride: usize,
+    x: &'a mut [[f64; SIDES]],
+    work: &'a mut [[f64; SIDES]],
 }
 
 impl WithSimd for Solve<'_> {
@@ -105,50 +105,52 @@ impl WithSimd for Solve<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { laplacian, x, work, stride } = self;
+        let Self { laplacian, x, work } = self;
         let Laplacian { starts, rows, values, order } = laplacian;
-        for (row, &p) in work.chunks_exact_mut(stride).zip(order) {
-            row.copy_from_slice(&x[p as usize * stride..][..stride]);
-        }
+        work.iter_mut().zip(order).for_each(|(row, &p)| *row = x[p as usize]);
         let column = |j: usize| {
             let range = starts[j] as usize..starts[j + 1] as usize;
             rows[range.clone()].iter().map(|&i| i as usize).zip(&values[range])
         };
         for j in 0..order.len() {
-            let (done, below) = work.split_at_mut((j + 1) * stride);
-            let own = &mut done[j * stride..];
+            let mut own = work[j];
             for (i, &value) in column(j) {
                 if i == j {
-                    scale(1.0 / value, own);
+                    own = scale(1.0 / value, own);
+                    work[j] = own;
                 } else {
-                    let target = &mut below[(i - j - 1) * stride..][..stride];
-                    super::kernel::add_scaled(-value, own, target);
+                    work[i] = add(-value, own, work[i]);
                 }
             }
         }
         for j in (0..order.len()).rev() {
-            let (done, below) = work.split_at_mut((j + 1) * stride);
-            let own = &mut done[j * stride..];
-            let mut diagonal = 1.0;
+            let (mut own, mut diagonal) = (work[j], 1.0);
             for (i, &value) in column(j) {
                 if i == j {
                     diagonal = value;
                 } else {
-                    let source = &below[(i - j - 1) * stride..][..stride];
-                    super::kernel::add_scaled(-value, source, own);
+                    own = add(-value, work[i], own);
                 }
             }
-            scale(1.0 / diagonal, own);
+            work[j] = scale(1.0 / diagonal, own);
         }
-        for (row, &p) in work.chunks_exact(stride).zip(order) {
-            x[p as usize * stride..][..stride].copy_from_slice(row);
-        }
+        work.iter().zip(order).for_each(|(row, &p)| x[p as usize] = *row);
     }
 }
 
 #[inline(always)]
-fn scale(factor: f64, row: &mut [f64]) {
-    for chunk in row.as_chunks_mut::<LANES>().0 {
-        chunk.iter_mut().for_each(|x| *x *= factor);
+fn scale(factor: f64, mut row: [f64; SIDES]) -> [f64; SIDES] {
+    for x in &mut row {
+        *x *= factor;
     }
+    row
+}
+
+/// Returns `sum + factor * row`.
+#[inline(always)]
+fn add(factor: f64, row: [f64; SIDES], mut sum: [f64; SIDES]) -> [f64; SIDES] {
+    for l in 0..SIDES {
+        sum[l] = factor.mul_add(row[l], sum[l]);
+    }
+    sum
 }

@@ -1,207 +1,138 @@
-//! Read-only operators of the iteration: the basis of the data space, packed for the inner loops, and
-//! the gradient by rows and by unknowns.
+//! What is computed once for a skin: memory layout, gradient and basis of the data space.
 
-use super::float::Float;
-use super::kernel::{PANEL, RANKS};
-use crate::Gradient;
+use super::differences::{Basis, Places, ScaledRows};
+use super::gradient::Gradient;
+use super::lanes::{BLOCKS, LANES, PANEL, Project, short_unit};
 use faer::MatRef;
 
-/// Number of unknowns processed together, so that their rows and their part of the basis stay in cache:
-/// 32 rows of 24 frames take 3 kB in `f32`, their part of the basis 13 kB. A multiple of [`PANEL`].
-pub(crate) const BLOCK: usize = 32;
-
-/// Columns and values of the entries of a row.
-type SparseRow = Vec<(u32, f64)>;
-
-/// Operators of one problem in one floating-point type.
-///
-/// Rows of the gradient are divided by the size of their group, and the radii of the dual balls are
-/// multiplied by it. The problem is unchanged, but one step size then suits groups of every size, so
-/// that graded meshes converge as fast as pixels.
+/// Operators of one problem in one floating-point type. Arrays over cells or groups have the layout of
+/// [`super::differences`].
 #[derive(Debug, Clone)]
-pub(crate) struct Operators<T> {
-    pub(crate) unknowns: usize,
+pub(crate) struct Operators<T: Project> {
+    pub(crate) places: Places,
+    pub(crate) basis: Basis<T>,
+    pub(crate) groups: usize,
     pub(crate) rank: usize,
-    /// `rank` rounded up to a multiple of [`RANKS`].
-    pub(crate) padded_rank: usize,
-    /// `V` `[unknown, rank]`, orthonormal columns: panels of four unknowns, each
-    /// `[padded rank][4]`, padded to whole blocks.
-    pub(crate) basis: Vec<[T; PANEL]>,
-    pub(crate) gradient: Rows<T>,
-    /// The gradient by groups, sorted by their last unknown.
-    pub(crate) groups: Vec<Group<T>>,
-    /// Groups and blocks that are complete after each block of unknowns, `[block]`.
-    pub(crate) ready: Vec<Ready>,
-    /// The transposed gradient.
-    pub(crate) divergence: Rows<T>,
-    /// Index of each group in the caller's gradient, `[group]`.
-    pub(crate) order: Vec<u32>,
-    /// Number of rows of a group, 1 or 2.
-    pub(crate) components: usize,
-    /// Radius of the dual ball of each group for a weight of 1, `[group]`.
-    pub(crate) radius: Vec<T>,
-    /// Radius of the dual interval of each unknown's change in time for a weight of 1, `[unknown]`.
-    pub(crate) time_radius: Vec<T>,
-    /// Upper bound on the squared norm of the scaled gradient.
+    /// `rank` padded to whole lanes.
+    pub(crate) padded: usize,
+    /// `V` by panels of cells, `[panel][padded rank]`; zero in cells without an unknown.
+    pub(crate) panels: Vec<[T; PANEL]>,
+    /// The same with short entries, and the unit of each rank; empty if the type has no short entries.
+    pub(crate) short: Vec<[T::Short; PANEL]>,
+    pub(crate) short_units: Vec<T>,
+    /// `V` by unknowns, `[unknown][padded rank]`.
+    pub(crate) rows: Vec<T>,
+    /// 1 in cells with an unknown, else 0.
+    pub(crate) inside: Vec<T>,
+    /// Largest norm of a row of `V`.
+    pub(crate) longest_row: f64,
+    /// Largest number of entries of a row of `D'`, and largest sum of their `|weight| radius`.
+    pub(crate) adjoint_terms: [f64; 2],
+    /// Mean radius of a group, which scales `lambda_space` to a difference.
+    pub(crate) mean_radius: f64,
+    /// Norms of the radii of all groups, and of those of changes in time.
+    pub(crate) radius_norms: [f64; 2],
+    /// Mean radius of a change in time.
+    pub(crate) mean_area: f64,
+    /// Upper bound on `|D|^2`.
     pub(crate) norm_squared: f64,
 }
 
-/// A group of the gradient: one or two rows on two or three unknowns, for every basis.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Group<T> {
-    /// Unused places repeat the first unknown with weight 0.
-    pub(crate) unknowns: [u32; 3],
-    /// `[component][place]`.
-    pub(crate) weights: [[T; 3]; 2],
-}
-
-impl<T: Float> Group<T> {
-    fn new(rows: &[SparseRow]) -> Self {
-        let first = rows.iter().flatten().next().map_or(0, |e| e.0);
-        let mut this = Self { unknowns: [first; 3], weights: [[T::default(); 3]; 2] };
-        let mut used = 0;
-        for (row, weights) in rows.iter().zip(0..2) {
-            for &(unknown, value) in row {
-                let known = this.unknowns[..used].iter().position(|&u| u == unknown);
-                let place = known.unwrap_or(used).min(2);
-                used = used.max(place + 1);
-                this.unknowns[place] = unknown;
-                this.weights[weights][place] = T::from_f64(value);
+impl<T: Project> Operators<T> {
+    /// Packs the basis `V` `[unknown, rank]`, whose columns are orthonormal.
+    pub(crate) fn new(source: MatRef<'_, f64>, gradient: &Gradient, scaled: &ScaledRows) -> Self {
+        let (basis, places) = Basis::new(gradient, scaled);
+        let (unknowns, rank) = (source.nrows(), source.ncols());
+        let padded = rank.next_multiple_of(LANES);
+        let mut rows = vec![T::default(); unknowns * padded];
+        let mut panels = vec![[T::default(); PANEL]; places.blocks.len() / BLOCKS * padded];
+        // index of the block at each cell
+        let mut block_at = vec![usize::MAX; places.length];
+        for (block, &first) in places.blocks.iter().enumerate() {
+            block_at[first..first + LANES].fill(block);
+        }
+        let mut inside = vec![T::default(); places.length];
+        let mut longest_row = 0.0_f64;
+        let mut largest = vec![0.0_f64; padded];
+        for (p, &cell) in places.cells.iter().enumerate() {
+            inside[cell] = T::from_f64(1.0);
+            let block = block_at[cell];
+            let place = block % BLOCKS * LANES + cell - places.blocks[block];
+            let mut square = 0.0;
+            for k in 0..rank {
+                let value = T::from_f64(source[(p, k)]);
+                rows[p * padded + k] = value;
+                panels[block / BLOCKS * padded + k][place] = value;
+                square += source[(p, k)].powi(2);
+                largest[k] = largest[k].max(source[(p, k)].abs());
+            }
+            longest_row = longest_row.max(square.sqrt());
+        }
+        let units: Vec<f64> = largest.into_iter().map(short_unit).collect();
+        let mut short = Vec::new();
+        if T::HAS_SHORT {
+            for (row, panel) in panels.iter().enumerate() {
+                let unit = units[row % padded];
+                let most = short_unit(1.0) / unit;
+                short.push(std::array::from_fn(|l| {
+                    T::shorten(if unit > 0.0 { panel[l].to_f64() * most } else { 0.0 })
+                }));
             }
         }
-        this
-    }
-}
-
-/// Groups and blocks that can be processed after a block of unknowns. If neighbours have close indices,
-/// this happens soon, while their data is still in cache.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Ready {
-    /// All unknowns of the groups before this one are available.
-    pub(crate) groups: usize,
-    /// All groups of the blocks of unknowns before this one are available.
-    pub(crate) blocks: usize,
-}
-
-/// A sparse matrix by rows.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Rows<T> {
-    pub(crate) starts: Vec<u32>,
-    pub(crate) columns: Vec<u32>,
-    pub(crate) values: Vec<T>,
-}
-
-impl<T: Float> Rows<T> {
-    #[inline(always)]
-    pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (usize, T)> {
-        let range = self.starts[row] as usize..self.starts[row + 1] as usize;
-        let columns = self.columns[range.clone()].iter().map(|&c| c as usize);
-        columns.zip(self.values[range].iter().copied())
-    }
-
-    pub(crate) fn count(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    fn from_rows(rows: &[SparseRow]) -> Self {
-        let mut this = Self { starts: vec![0], columns: Vec::new(), values: Vec::new() };
-        for row in rows {
-            this.columns.extend(row.iter().map(|e| e.0));
-            this.values.extend(row.iter().map(|e| T::from_f64(e.1)));
-            this.starts.push(this.columns.len() as u32);
-        }
-        this
-    }
-}
-
-impl<T: Float> Operators<T> {
-    /// Packs `basis` `[unknown, rank]`.
-    pub(crate) fn new(basis: MatRef<'_, f64>, gradient: &Gradient) -> Self {
-        let (unknowns, rank) = (basis.nrows(), basis.ncols());
-        let padded_rank = rank.next_multiple_of(RANKS);
-        let entry = |p: usize, k: usize| {
-            T::from_f64(if p < unknowns && k < rank { basis[(p, k)] } else { 0.0 })
-        };
-        let mut panels = Vec::with_capacity(unknowns.next_multiple_of(BLOCK) * padded_rank);
-        for p in (0..unknowns.next_multiple_of(BLOCK)).step_by(PANEL) {
-            panels.extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
-        }
-        let (rows, sizes, order) = scaled_rows(gradient);
-        let mut transposed = vec![Vec::new(); unknowns];
-        for (r, row) in rows.iter().enumerate() {
-            row.iter().for_each(|&(p, v)| transposed[p as usize].push((r as u32, v)));
-        }
-        let length = |row: &SparseRow| row.iter().map(|e| e.1.abs()).sum::<f64>();
-        let lengths: Vec<f64> = rows.iter().map(length).collect();
-        // largest row sum of |D'| |D|
-        let norm_squared = transposed
-            .iter()
-            .map(|row| row.iter().map(|&(r, v)| v.abs() * lengths[r as usize]).sum::<f64>())
-            .fold(0.0, f64::max);
+        let square = |radii: &[f64]| radii.iter().map(|r| r * r).sum::<f64>().sqrt();
+        let mean = |radii: &[f64]| radii.iter().sum::<f64>() / radii.len().max(1) as f64;
+        let mean_radius = mean(&scaled.sizes);
+        let (adjoint_terms, norm_squared) = norms(scaled, unknowns);
         Self {
-            unknowns,
+            groups: basis.group_length(&places),
+            places,
+            basis,
             rank,
-            padded_rank,
-            basis: panels,
-            gradient: Rows::from_rows(&rows),
-            ready: ready(&rows, &transposed, gradient.components()),
-            groups: rows.chunks(gradient.components()).map(Group::new).collect(),
-            divergence: Rows::from_rows(&transposed),
-            order,
-            components: gradient.components(),
-            radius: sizes.iter().map(|&s| T::from_f64(s)).collect(),
-            time_radius: gradient.areas_m2().iter().map(|&a| T::from_f64(a)).collect(),
+            padded,
+            panels,
+            short,
+            short_units: units.into_iter().map(T::from_f64).collect(),
+            rows,
+            inside,
+            longest_row,
+            adjoint_terms,
+            mean_radius: if mean_radius > 0.0 { mean_radius } else { 1.0 },
+            radius_norms: [square(&scaled.sizes), square(gradient.areas_m2())],
+            mean_area: mean(gradient.areas_m2()),
             norm_squared,
         }
     }
+
+    /// Returns the number of unknowns.
+    pub(crate) fn unknowns(&self) -> usize {
+        self.places.cells.len()
+    }
+
+    /// Returns the length of an array over the cells of a frame.
+    pub(crate) fn cells(&self) -> usize {
+        self.places.length
+    }
+
+    /// Returns the basis of a panel for a range of ranks.
+    #[inline(always)]
+    pub(crate) fn panel(&self, panel: usize, ranks: std::ops::Range<usize>) -> &[[T; PANEL]] {
+        &self.panels[panel * self.padded..][ranks]
+    }
 }
 
-/// See [`Ready`].
-fn ready(rows: &[SparseRow], transposed: &[SparseRow], components: usize) -> Vec<Ready> {
-    let last_group = |block: &[SparseRow]| {
-        block.iter().flatten().map(|e| e.0 as usize / components + 1).max().unwrap_or(0)
-    };
-    let needed: Vec<usize> = transposed.chunks(BLOCK).map(last_group).collect();
-    let ends: Vec<usize> = rows.chunks(components).map(last_unknown).collect();
-    let (mut groups, mut blocks) = (0, 0);
-    (0..needed.len())
-        .map(|block| {
-            while groups < ends.len() && ends[groups] < (block + 1) * BLOCK {
-                groups += 1;
-            }
-            while blocks <= block && needed[blocks] <= groups {
-                blocks += 1;
-            }
-            Ready { groups, blocks }
-        })
-        .collect()
-}
-
-fn last_unknown(group: &[SparseRow]) -> usize {
-    group.iter().flatten().map(|e| e.0 as usize).max().unwrap_or(0)
-}
-
-/// Returns the rows divided by the size of their group, the sizes, and the original indices of the
-/// groups, which are sorted by their last unknown.
-///
-/// The size is half the largest sum of absolute values of a row, which is 1 for plain differences of
-/// pixels.
-fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>, Vec<u32>) {
-    let components = gradient.components();
-    let mut groups: Vec<(f64, Vec<SparseRow>, u32)> = (0..gradient.groups())
-        .map(|group| {
-            let own = group * components..(group + 1) * components;
-            let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
-            let size = own.clone().map(half).fold(0.0, f64::max);
-            let scaled = |r: usize| {
-                let (columns, values) = gradient.row(r);
-                columns.iter().zip(values).map(|(&c, v)| (c, v / size)).collect()
-            };
-            (size, own.map(scaled).collect(), group as u32)
-        })
-        .collect();
-    groups.sort_by_key(|(_, rows, _)| last_unknown(rows));
-    let sizes = groups.iter().map(|group| group.0).collect();
-    let order = groups.iter().map(|group| group.2).collect();
-    (groups.into_iter().flat_map(|group| group.1).collect(), sizes, order)
+/// Returns the largest number of entries of a row of `D'`, the largest sum of their `|weight| radius`, and the largest
+/// row sum of `|D'| |D|`.
+fn norms(scaled: &ScaledRows, unknowns: usize) -> ([f64; 2], f64) {
+    let mut sums = vec![[0.0_f64; 3]; unknowns];
+    for (r, row) in scaled.rows.iter().enumerate() {
+        let length: f64 = row.iter().map(|e| e.1.abs()).sum();
+        for &(p, v) in row {
+            let [count, radii, norm] = &mut sums[p as usize];
+            *count += 1.0;
+            *radii += v.abs() * scaled.sizes[r / scaled.components];
+            *norm += v.abs() * length;
+        }
+    }
+    let largest = |i: usize| sums.iter().fold(0.0_f64, |most, sum| most.max(sum[i]));
+    ([largest(0), largest(1)], largest(2))
 }

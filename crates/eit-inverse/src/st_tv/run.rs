@@ -6,18 +6,18 @@ mod constant;
 mod reachable;
 mod steps;
 
-use super::certificate::{Effort, Evaluation, Iterate};
+use super::certificate::{Certificate, Effort, Iterate};
 use super::chain::Chain;
 use super::fit::DataSteps;
-use super::float::Float;
-use super::flow::Flow;
+use super::lanes::Project;
 use super::operators::Operators;
+use super::problem::Problem;
 use super::schedule::{FLOW_STEPS, LEAN, POWER, relative_gap};
 use super::settings::Stop;
 use super::state::State;
-use super::step::{self, MapScratch, MapSize};
+use super::step::{self, MapScratch, MapSize, Travel};
 use super::task::Task;
-use super::travel::Travel;
+use super::value::Candidate;
 use crate::{ImageSequence, InverseError, SequenceStatus, TracePoint};
 use std::time::Instant;
 use steps::{MAP_AT, SHARE};
@@ -61,11 +61,9 @@ const EXACT_RANK: usize = 4;
 const SMALLEST_PRIMAL: f64 = 1e-14;
 
 /// Returns the mean largest force of a change in time, relative to that of a difference in space.
-fn in_time<T: Float>(task: &Task<'_>, ops: &Operators<T>) -> f64 {
-    let mean =
-        |radii: &[T]| radii.iter().map(|r| r.to_f64()).sum::<f64>() / radii.len().max(1) as f64;
-    let space = task.lambda_space * mean(&ops.radius);
-    task.lambda_time * mean(&ops.time_radius) / space.max(f64::MIN_POSITIVE)
+fn in_time<T: Project>(problem: &Problem<'_>, ops: &Operators<T>) -> f64 {
+    let space = problem.lambda_space * ops.mean_radius;
+    problem.lambda_time * ops.mean_area / space.max(f64::MIN_POSITIVE)
 }
 
 /// Returns the factor on the iterations after which the gap would be smaller by `factor`.
@@ -74,15 +72,15 @@ fn growth_for(factor: f64) -> f64 {
 }
 
 /// State of a solve.
-pub(crate) struct Run<'a, T> {
+pub(crate) struct Run<'a, T: Project> {
     task: &'a Task<'a>,
     ops: &'a Operators<T>,
+    target_gap: f64,
     state: State<T>,
     data: DataSteps<T>,
     map: MapScratch<T>,
-    flow: Flow<T>,
-    evaluation: Evaluation,
-    columns: [Vec<f64>; 2],
+    certificate: Certificate<T>,
+    candidate: Candidate,
     /// Whether a step map is in use instead of a uniform step.
     mapped: bool,
     /// Factor on the steps of the map.
@@ -95,10 +93,11 @@ pub(crate) struct Run<'a, T> {
     /// Iterations from which the constraints are checked, if no image has met them.
     next_check: usize,
     smoothing: f64,
-    /// Whether the last image that was evaluated met all constraints.
+    /// Whether the last images that were looked at met all constraints.
     is_feasible: bool,
-    target_gap: f64,
     done: usize,
+    /// Iterations at the last evaluation.
+    evaluated: usize,
     progress: Progress,
 }
 
@@ -119,11 +118,11 @@ struct Best {
 
 impl Best {
     /// Keeps the image of an evaluation if it is better.
-    fn take(&mut self, primal: f64, evaluation: &Evaluation) {
-        if primal < self.primal {
-            self.primal = primal;
-            self.images.copy_from_slice(&evaluation.image);
-            self.residual.copy_from_slice(&evaluation.residual);
+    fn take(&mut self, candidate: &Candidate) {
+        if candidate.primal < self.primal {
+            self.primal = candidate.primal;
+            self.images.copy_from_slice(&candidate.images);
+            self.residual.copy_from_slice(&candidate.misfit);
         }
     }
 
@@ -139,28 +138,31 @@ struct Limits {
     seconds: f64,
 }
 
-impl<'a, T: Float> Run<'a, T> {
+impl<'a, T: Project> Run<'a, T> {
     pub(crate) fn new(
         task: &'a Task<'a>,
         ops: &'a Operators<T>,
         target_gap: f64,
         start: Instant,
     ) -> Result<Self, InverseError> {
-        let mut state = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
+        let problem = task.problem(target_gap);
+        let mut state = State::new(ops, &problem);
         let is_few = task.solver.rank() <= EXACT_RANK;
-        if task.linked() && (is_few || in_time(task, ops) >= EXACT_FROM) {
+        if problem.linked() && (is_few || in_time(&problem, ops) >= EXACT_FROM) {
             state.chain = Some(Chain::new(task.frames));
         }
-        let evaluation = Evaluation::new(&task.solver.double, &state, &task.solver.parts);
+        let candidate = Candidate::new(&problem);
+        state.set_origin(ops, &candidate.images, problem.bounds);
         let best = Best {
             primal: f64::INFINITY,
             lower_bound: f64::NEG_INFINITY,
-            images: evaluation.image.clone(),
+            images: candidate.images.clone(),
             residual: vec![0.0; task.frames],
         };
         let progress = Progress { best, trace: Vec::new(), start };
-        let mut this = Self::with(task, ops, state, evaluation, (progress, target_gap));
-        let first = || step::guess(&task.problem(), ops, &this.state).unwrap_or(1.0);
+        let mut this = Self::with(task, ops, state, candidate, (progress, target_gap));
+        this.data.margin = this.margin();
+        let first = || step::guess(&problem, ops, &this.state).unwrap_or(1.0);
         let first = this.free_step().unwrap_or_else(first);
         this.set_uniform(first)?;
         this.try_constant();
@@ -172,20 +174,23 @@ impl<'a, T: Float> Run<'a, T> {
         task: &'a Task<'a>,
         ops: &'a Operators<T>,
         state: State<T>,
-        evaluation: Evaluation,
+        candidate: Candidate,
         (progress, target_gap): (Progress, f64),
     ) -> Self {
-        let rank = task.solver.rank();
+        let problem = task.problem(target_gap);
+        let mut data = DataSteps::new(&problem, ops, 0);
+        for frame in 0..task.frames {
+            data.set_beta(frame, problem.beta(frame).iter().copied());
+        }
         Self {
             task,
             ops,
-            data: DataSteps::new(&task.problem(), ops, &state, 0, target_gap),
             target_gap,
-            map: MapScratch::new(ops, &state),
-            flow: Flow::new(ops, &state),
+            data,
+            map: MapScratch::new(&state),
+            certificate: Certificate::new(ops, &state, &problem),
             state,
-            evaluation,
-            columns: [vec![0.0; rank], vec![0.0; rank]],
+            candidate,
             mapped: false,
             boost: 1.0,
             travel: None,
@@ -195,20 +200,29 @@ impl<'a, T: Float> Run<'a, T> {
             smoothing: 0.0,
             is_feasible: true,
             done: 0,
+            evaluated: 0,
             progress,
         }
     }
 
+    fn problem(&self) -> Problem<'a> {
+        self.task.problem(self.target_gap)
+    }
+
     /// Continues this run in another precision.
-    pub(crate) fn converted<U: Float>(
+    pub(crate) fn converted<U: Project>(
         self,
         ops: &'a Operators<U>,
     ) -> Result<Run<'a, U>, InverseError> {
-        let state = self.state.converted(ops);
+        let mut state = State::new(ops, &self.problem());
+        state.take(&self.state);
         let goal = (self.progress, self.target_gap);
-        let mut new = Run::with(self.task, ops, state, self.evaluation, goal);
+        let mut new = Run::with(self.task, ops, state, self.candidate, goal);
         (new.mapped, new.boost, new.next_map) = (self.mapped, self.boost, self.next_map);
         (new.done, new.smoothing, new.is_plain) = (self.done, self.smoothing, self.is_plain);
+        new.data.margin = self.data.margin;
+        new.evaluated = new.done;
+        new.keep_image(false);
         match new.free_step() {
             Some(step) => new.set_uniform(step)?,
             None => new.set_data()?,
@@ -218,19 +232,13 @@ impl<'a, T: Float> Run<'a, T> {
 
     /// Starts from the images and duals of the same frames with weights smaller by `factor`.
     pub(crate) fn start_from(&mut self, state: &State<T>, factor: f64) -> Result<(), InverseError> {
-        let own = &mut self.state;
-        own.image.copy_from_slice(&state.image);
-        let factor = T::from_f64(factor);
-        let duals = [
-            (&mut own.dual, &state.dual),
-            (&mut own.time_dual, &state.time_dual),
-            (&mut own.bound_dual, &state.bound_dual),
-        ];
-        for (to, from) in duals {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = factor * *from);
-        }
+        self.state.take_duals(state, factor);
+        let images = state.origin.iter().zip(&state.change).map(|(x, d)| *x + *d);
+        let origins = self.state.origin.iter().zip(images);
+        self.state.change.iter_mut().zip(origins).for_each(|(d, (o, x))| *d = x - *o);
         let steps = MapSize { share: SHARE, floor: step::FLOOR };
-        if step::set_map(self.ops, &mut self.state, &mut self.map, steps) {
+        let arch = self.task.solver.skin.arch;
+        if step::set_map(arch, self.ops, &mut self.state, &mut self.map, steps) {
             self.mapped = true;
         }
         self.set_data()
@@ -270,7 +278,8 @@ impl<'a, T: Float> Run<'a, T> {
             let inner = Limits { seconds: limits.seconds - evaluation_s, ..limits };
             let ended = self.improve(look.min(most), inner)?;
             let before = Instant::now();
-            let primal = self.keep_image();
+            let primal = self.keep_image(true);
+            self.is_feasible = primal.is_finite();
             if self.progress.best.primal.is_infinite() && stop.deadline.is_none() {
                 self.check_reachable()?;
             }
@@ -311,12 +320,11 @@ impl<'a, T: Float> Run<'a, T> {
     /// Returns the best result, or the last one if none met the data constraints.
     pub(crate) fn finish(self, status: SequenceStatus) -> ImageSequence {
         let Progress { best, trace, start } = self.progress;
-        let stride = self.state.stride;
         let (images, residual) = match best.primal.is_finite() {
             true => (&best.images, &best.residual),
-            false => (&self.evaluation.image, &self.evaluation.residual),
+            false => (&self.candidate.images, &self.candidate.misfit),
         };
-        self.task.sequence(images, stride, residual, &trace, status, start)
+        self.task.sequence(images, residual, &trace, status, start)
     }
 
     /// Appends the current bounds to the trace.
@@ -348,10 +356,10 @@ impl<'a, T: Float> Run<'a, T> {
             true => Effort::plain(PLAIN_FLOW_STEPS, self.target_gap),
             false => Effort { rounds: ROUNDS, steps, slack, lean },
         };
-        let Self { task, ops, state, data, evaluation, flow, progress, .. } = self;
-        let problem = task.problem();
-        let iterate = Iterate { ops, state, data };
-        let bound = evaluation.lower_bound(task.solver.arch, &problem, iterate, flow, effort);
+        let problem = self.problem();
+        let Self { ops, state, data, candidate, certificate, progress, .. } = self;
+        let iterate = Iterate { ops, state, data, images: &candidate.images, size: 0.0 };
+        let bound = certificate.bound(&problem, iterate, effort).value;
         let old = progress.best.lower_bound;
         progress.best.lower_bound = old.max(bound);
         if progress.best.lower_bound <= old || self.done >= ALTERNATE_FROM {
@@ -359,12 +367,21 @@ impl<'a, T: Float> Run<'a, T> {
         }
     }
 
-    /// Evaluates the candidate and stores it if it is the best; returns its objective.
-    fn keep_image(&mut self) -> f64 {
-        let problem = self.task.problem();
-        let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.state);
-        self.is_feasible = primal.is_finite();
-        self.progress.best.take(primal, &self.evaluation);
-        primal
+    /// Evaluates the images of the iterate and stores them if they are the best; returns their objective. Changes are
+    /// counted from them afterwards. Images outside their data constraints may be moved into them.
+    fn keep_image(&mut self, may_move: bool) -> f64 {
+        let problem = self.problem();
+        let Self { ops, state, data, candidate, .. } = self;
+        candidate.take(&problem, state, 0.0);
+        candidate.evaluate(&problem, may_move.then_some((&*state, &*data)));
+        state.set_origin(ops, &candidate.images, problem.bounds);
+        let padded = ops.padded;
+        for (frame, residual) in candidate.residual.chunks_exact(padded).enumerate() {
+            data.set_beta(frame, residual.iter().map(|r| -r));
+        }
+        data.set_tail(&problem, ops, state, None);
+        self.evaluated = self.done;
+        self.progress.best.take(candidate);
+        candidate.primal
     }
 }

@@ -14,21 +14,8 @@ pub(super) const POWER: f64 = 3.0;
 pub(super) const FLOW_STEPS: usize = 5;
 pub(super) const LEAN: f64 = 0.4;
 
-/// Iterations from rest at which the uniform step is updated, before the first step map.
-pub(super) const MEASURE_AT: [usize; 2] = [8, 16];
-
-/// Number of frames of a steady stream between two step maps.
-pub(super) const MAP_EVERY: usize = 4;
-
-/// A frame of a stream larger than the unit of the data by this factor sets a new unit.
-pub(super) const OUTGROWN: f64 = 1e4;
-
 /// Gap below which `f32` rounding errors matter.
 pub(super) const SINGLE_PRECISION_GAP: f64 = 1e-4;
-
-/// Target gaps below this use full-precision entries of the basis, and sum the data term of a candidate in `f64`:
-/// the bound on the rounding error of `f32` is small compared with larger gaps.
-pub(super) const LEAST_SHORT_GAP: f64 = 3e-3;
 
 /// Returns the relative gap of a primal value and a lower bound; 0 where rounding puts the bound above.
 pub(super) fn relative_gap(primal: f64, lower_bound: f64) -> f64 {

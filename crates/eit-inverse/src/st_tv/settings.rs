@@ -125,25 +125,3 @@ impl Default for Stop {
         Self { target_gap: 1e-3, deadline: None, max_iterations: 20_000 }
     }
 }
-
-/// Settings of [`StTvStream`](crate::StTvStream).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(default, deny_unknown_fields)
-)]
-pub struct StreamSettings {
-    /// Target relative duality gap of a frame.
-    pub target_gap: f64,
-    /// Maximum number of iterations per frame, including those for the certificate.
-    pub max_iterations: usize,
-    /// Time limit per frame.
-    pub deadline: Option<Duration>,
-}
-
-impl Default for StreamSettings {
-    fn default() -> Self {
-        Self { target_gap: 1e-2, max_iterations: 2000, deadline: None }
-    }
-}

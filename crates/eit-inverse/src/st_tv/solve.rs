@@ -48,15 +48,14 @@ impl StTv {
         if task.scale == 0.0 {
             return Ok(task.nothing(start));
         }
-        // data constraints must hold exactly; f32 rounding would need a margin that raises the objective
-        let mut run = if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
-            Run::new(&task, &self.double, stop.target_gap, start)?
+        let mut run = if stop.target_gap < SINGLE_PRECISION_GAP {
+            Run::new(&task, &self.skin.operators, stop.target_gap, start)?
         } else {
             let mut run = Run::new(&task, &self.single, stop.target_gap, start)?;
             if let Some(status) = run.advance(stop, SINGLE_PRECISION_ITERATIONS)? {
                 return Ok(run.finish(status));
             }
-            run.converted(&self.double)?
+            run.converted(&self.skin.operators)?
         };
         let status = run.advance(stop, usize::MAX)?.unwrap_or(SequenceStatus::IterationCap);
         Ok(run.finish(status))

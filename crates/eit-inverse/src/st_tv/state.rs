@@ -1,177 +1,195 @@
-//! Mutable state of the iteration: image, dual variables and intermediate arrays.
+//! Mutable state of the iteration: images, dual variables and step map.
 
 use super::chain::Chain;
 use super::float::Float;
-use super::kernel::LANES;
-use super::operators::{BLOCK, Operators};
+use super::lanes::{LANES, Lane, Project};
+use super::operators::Operators;
+use super::problem::Problem;
 
-/// Over-relaxation factor.
-pub(crate) const RHO: f64 = 1.9;
+/// Number of consecutive frames that share their steps.
+pub(crate) const SPAN: usize = 8;
 
-/// Padding before or after the arrays whose temporal neighbours are read across row ends.
-pub(crate) const PAD: usize = LANES;
+/// Most frames that a pass over the basis handles together.
+pub(crate) const TOGETHER: usize = 4;
 
-/// Number of iterations between updates of the tail's force.
-pub(crate) const REFRESH: usize = 32;
-
-/// Weights of an iteration.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Weights {
-    pub(crate) lambda_space: f64,
-    pub(crate) lambda_time: f64,
-    pub(crate) bounds: Option<[f64; 2]>,
-    /// Threshold, in units of the image, below which the norm of a difference is quadratic (Huber), so
-    /// that the duals of flat regions converge.
-    pub(crate) smoothing: f64,
-}
-
-/// Iterate of one sequence.
-///
-/// Arrays are `[unknown][stride]` or `[row][stride]`, see [`super::kernel`].
+/// Iterate of a problem. Arrays are `[frame][cell]`, `[frame][group]` or `[span][..]` in the layout of
+/// [`super::differences`].
 #[derive(Debug, Clone)]
-pub(crate) struct State<T> {
+pub(crate) struct State<T: Project> {
     pub(crate) frames: usize,
-    pub(crate) stride: usize,
-    /// `x`.
-    pub(crate) image: Vec<T>,
-    /// Mean of each frame's image, by the distance from which steps are balanced, `[stride]`; 0 unless
-    /// `is_centred`.
-    pub(crate) means: Vec<f64>,
-    /// Whether images are close to constants.
-    pub(crate) is_centred: bool,
-    /// `q`.
-    pub(crate) dual: Vec<T>,
-    /// `q_t`, preceded by [`PAD`] zeros; zero at the last frame and beyond. Empty without a time
-    /// term.
-    pub(crate) time_dual: Vec<T>,
-    /// `p`; empty without bounds.
-    pub(crate) bound_dual: Vec<T>,
-    /// Force of the duals, then `x-`, then the next force, followed by [`PAD`] values.
+    pub(crate) cells: usize,
+    pub(crate) groups: usize,
+    /// Images from which changes are counted: the anchor, or images of an earlier iterate. Near them, products with
+    /// rounded entries of the basis are almost exact.
+    pub(crate) origin: Vec<T>,
+    /// `d = x - origin`.
+    pub(crate) change: Vec<T>,
+    /// `d` of the last iteration before relaxation.
+    pub(crate) fresh: Vec<T>,
+    /// `w`, then `x- = origin + 2 d^ - d`.
     pub(crate) work: Vec<T>,
-    /// `w` of a block of unknowns.
-    pub(crate) block: Vec<T>,
-    /// `x^` of the last iteration with `keep`.
-    pub(crate) candidate: Vec<T>,
-    /// `V' w`, then the force `F y` of the data.
-    pub(crate) coefficients: Vec<T>,
-    /// Coefficients of the next `w` while they are summed.
-    pub(crate) next: Vec<T>,
-    /// Number of ranks in the head, see [`super::engine`].
-    pub(crate) head: usize,
-    /// Force of the tail, `V (s y)`, of blocks of unknowns; not used without a tail.
+    /// `q`, the dual of the gradient, by component.
+    pub(crate) flow: [Vec<T>; 2],
+    /// `q_t`, the dual of the link to the frame before, between two rows of zeros; empty without links.
+    pub(crate) links: Vec<T>,
+    /// `p`, the joint dual of anchor and bounds; empty without both.
+    pub(crate) force: Vec<T>,
+    /// Force of the tail of the data term.
     pub(crate) tail: Vec<T>,
-    /// Iterations since the last update of the tail.
-    pub(crate) age: usize,
-    /// Whether `work` and `coefficients` are ready for the next iteration.
-    pub(crate) prepared: bool,
-    /// The step map: `tau` of an unknown, and `sigma` of its links and bounds and of a group, one
-    /// value for each block of [`LANES`] frames.
+    /// Whether `tail` is not zero.
+    pub(crate) has_tail: bool,
+    /// Distances from the origin to the bounds; 0 in cells without an unknown. Empty without bounds.
+    pub(crate) room: [Vec<T>; 2],
+    /// The step map: `tau` and `1 / tau` of a cell, 0 without an unknown, and `sigma` of a group.
     pub(crate) tau: Vec<T>,
-    pub(crate) cell_sigma: Vec<T>,
-    pub(crate) group_sigma: Vec<T>,
-    /// `sigma tau` of the duals of space, time and bounds.
+    pub(crate) cell_step: Vec<T>,
+    pub(crate) group_step: Vec<T>,
+    /// `sigma tau` of the duals of space, time, and anchor and bounds.
     pub(crate) split: [f64; 3],
     /// Memory for exact dual steps in time, see [`super::chain`]; `None` for gradient steps.
     pub(crate) chain: Option<Chain<T>>,
-    /// 1 for frames that are linked to the next one, otherwise 0, `[stride]`.
-    pub(crate) links: Vec<T>,
-    /// 1 for frames, 0 for padding, `[stride]`. Bounds do not apply to padding, because it must stay
-    /// zero even if they exclude zero.
-    pub(crate) present: Vec<T>,
+    /// Whether images are close to constants, from which their distance is measured.
+    pub(crate) is_centred: bool,
+    /// Partial sums of `V' w`, one lane per rank, `[frame][padded rank]`.
+    pub(crate) sums: Vec<Lane<T>>,
+    /// `V' w` of the last iteration, and the force `F y` of the data, `[frame][padded rank]`.
+    pub(crate) coefficients: Vec<T>,
+    pub(crate) forces: Vec<T>,
 }
 
-impl<T: Float> State<T> {
-    pub(crate) fn new(ops: &Operators<T>, frames: usize, time: bool, bounds: bool) -> Self {
-        let stride = frames.next_multiple_of(LANES);
-        let zero = T::default();
-        let values = ops.unknowns.next_multiple_of(BLOCK) * stride;
-        let mut links = vec![zero; stride];
-        links.iter_mut().take(frames.saturating_sub(1)).for_each(|l| *l = T::from_f64(1.0));
+impl<T: Project> State<T> {
+    pub(crate) fn new(ops: &Operators<T>, problem: &Problem<'_>) -> Self {
+        let (frames, cells, groups) = (problem.frames(), ops.cells(), ops.groups);
+        let spans = frames.div_ceil(SPAN);
+        let zeros = |count: usize| vec![T::default(); count];
+        let bounded = problem.bounds.is_some();
+        let held = bounded || problem.is_held();
+        let only = |is_used: bool, count: usize| zeros(if is_used { count } else { 0 });
         Self {
             frames,
-            stride,
-            image: vec![zero; values],
-            means: vec![0.0; stride],
-            is_centred: false,
-            dual: vec![zero; ops.gradient.count() * stride],
-            time_dual: if time { vec![zero; PAD + values] } else { Vec::new() },
-            bound_dual: if bounds { vec![zero; values] } else { Vec::new() },
-            work: vec![zero; values + PAD],
-            block: vec![zero; BLOCK * stride],
-            candidate: vec![zero; values],
-            coefficients: vec![zero; ops.padded_rank * stride],
-            next: vec![zero; ops.padded_rank * stride],
-            head: ops.padded_rank,
-            tail: vec![zero; values],
-            age: REFRESH,
-            prepared: false,
-            tau: vec![zero; values / LANES],
-            cell_sigma: vec![zero; values / LANES],
-            group_sigma: vec![zero; ops.groups.len() * stride / LANES],
+            cells,
+            groups,
+            origin: zeros(frames * cells),
+            change: zeros(frames * cells),
+            fresh: zeros(frames * cells),
+            work: zeros(frames * cells),
+            flow: [zeros(frames * groups), zeros(frames * groups)],
+            links: only(problem.linked(), (frames + 1) * cells),
+            force: only(held, frames * cells),
+            tail: zeros(frames * cells),
+            has_tail: false,
+            room: std::array::from_fn(|_| only(bounded, frames * cells)),
+            tau: zeros(spans * cells),
+            cell_step: zeros(spans * cells),
+            group_step: zeros(spans * groups),
             split: [1.0; 3],
             chain: None,
-            links,
-            present: (0..stride).map(|t| T::from_f64(if t < frames { 1.0 } else { 0.0 })).collect(),
+            is_centred: false,
+            sums: vec![[T::default(); LANES]; frames * ops.padded],
+            coefficients: zeros(frames * ops.padded),
+            forces: zeros(frames * ops.padded),
         }
     }
 
-    /// Returns the same iterate in another precision.
-    pub(crate) fn converted<U: Float>(&self, ops: &Operators<U>) -> State<U> {
-        let mut new =
-            State::new(ops, self.frames, !self.time_dual.is_empty(), !self.bound_dual.is_empty());
+    /// Copies the iterate and the step map of another precision, with the same origin.
+    pub(crate) fn take<U: Project>(&mut self, other: &State<U>) {
+        self.take_iterate(other);
         let pairs = [
-            (&mut new.image, &self.image),
-            (&mut new.dual, &self.dual),
-            (&mut new.time_dual, &self.time_dual),
-            (&mut new.bound_dual, &self.bound_dual),
-            (&mut new.candidate, &self.candidate),
-            (&mut new.tau, &self.tau),
-            (&mut new.cell_sigma, &self.cell_sigma),
-            (&mut new.group_sigma, &self.group_sigma),
-            (&mut new.links, &self.links),
+            (&mut self.origin, &other.origin),
+            (&mut self.tau, &other.tau),
+            (&mut self.cell_step, &other.cell_step),
+            (&mut self.group_step, &other.group_step),
         ];
-        for (to, from) in pairs {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = U::from_f64(from.to_f64()));
+        pairs.into_iter().for_each(|(to, from)| convert(from, 1.0, to));
+        for (to, from) in self.room.iter_mut().zip(&other.room) {
+            convert(from, 1.0, to);
         }
-        new.split = self.split;
-        new.is_centred = self.is_centred;
-        new.chain = self.chain.as_ref().map(|_| Chain::new(self.frames));
-        new
+        (self.split, self.is_centred) = (other.split, other.is_centred);
+        self.chain = other.chain.as_ref().map(|_| Chain::new(self.frames));
     }
 
-    /// Computes the means of all frames.
-    pub(crate) fn centre(&mut self, unknowns: usize) {
-        self.means.fill(0.0);
-        for row in self.image.chunks_exact(self.stride).take(unknowns) {
-            let share = 1.0 / unknowns as f64;
-            self.means.iter_mut().zip(row).for_each(|(mean, x)| *mean += share * x.to_f64());
-        }
+    /// Copies changes and duals of another precision.
+    pub(crate) fn take_iterate<U: Project>(&mut self, other: &State<U>) {
+        self.take_duals(other, 1.0);
+        convert(&other.change, 1.0, &mut self.change);
+        convert(&other.fresh, 1.0, &mut self.fresh);
     }
 
-    /// Invalidates the prepared arrays after a change of the steps or other inputs of an iteration.
-    pub(crate) fn disturb(&mut self) {
-        self.age = REFRESH;
-        self.prepared = false;
-    }
-
-    /// Returns the number of blocks of frames that share their steps.
-    pub(crate) fn blocks(&self) -> usize {
-        self.stride / LANES
-    }
-
-    /// Returns whether a frame is linked to the next one.
-    pub(crate) fn is_linked(&self, frame: usize) -> bool {
-        !self.time_dual.is_empty() && self.links[frame] > T::default()
+    /// Copies the duals of another iterate of the same frames, times a factor.
+    pub(crate) fn take_duals<U: Project>(&mut self, other: &State<U>, factor: f64) {
+        let [first, second] = &mut self.flow;
+        let pairs = [
+            (first, &other.flow[0]),
+            (second, &other.flow[1]),
+            (&mut self.links, &other.links),
+            (&mut self.force, &other.force),
+        ];
+        pairs.into_iter().for_each(|(to, from)| convert(from, factor, to));
     }
 
     /// Sets image and duals to zero.
     pub(crate) fn clear(&mut self) {
-        self.age = REFRESH;
-        self.prepared = false;
-        let zero = T::default();
-        self.image.fill(zero);
-        self.dual.fill(zero);
-        self.time_dual.fill(zero);
-        self.bound_dual.fill(zero);
+        self.change.fill(T::default());
+        self.fresh.fill(T::default());
+        self.scale_duals(0.0);
     }
+
+    /// Multiplies the duals.
+    pub(crate) fn scale_duals(&mut self, factor: f64) {
+        let factor = T::from_f64(factor);
+        let [first, second] = &mut self.flow;
+        for array in [first, second, &mut self.links, &mut self.force] {
+            array.iter_mut().for_each(|v| *v = *v * factor);
+        }
+    }
+
+    /// Counts changes from other images, over cells; the iterate stays.
+    pub(crate) fn set_origin(
+        &mut self,
+        ops: &Operators<T>,
+        images: &[f64],
+        bounds: Option<[f64; 2]>,
+    ) {
+        for frame in 0..self.frames {
+            for &cell in &ops.places.cells {
+                let at = frame * self.cells + cell;
+                let image = T::from_f64(images[at]);
+                let moved = self.origin[at] - image;
+                self.change[at] += moved;
+                self.fresh[at] += moved;
+                self.origin[at] = image;
+                if let Some([lower, upper]) = bounds {
+                    let x = image.to_f64();
+                    self.room[0][at] = T::from_f64(lower - x);
+                    self.room[1][at] = T::from_f64(upper - x);
+                }
+            }
+        }
+    }
+
+    /// Makes the change from the origin zero.
+    pub(crate) fn start_at_origin(&mut self) {
+        self.change.fill(T::default());
+        self.fresh.fill(T::default());
+    }
+
+    /// Returns the largest absolute value of the images.
+    pub(crate) fn size(&self) -> f64 {
+        let images = self.origin.iter().zip(&self.change);
+        images.fold(T::default(), |most, (x, d)| most.max((*x + *d).abs())).to_f64()
+    }
+
+    /// Returns the step of an unknown.
+    pub(crate) fn tau_of(&self, frame: usize, cell: usize) -> f64 {
+        self.tau[frame / SPAN * self.cells + cell].to_f64()
+    }
+
+    /// Returns the number of spans of frames.
+    pub(crate) fn spans(&self) -> usize {
+        self.frames.div_ceil(SPAN)
+    }
+}
+
+fn convert<T: Float, U: Float>(from: &[U], factor: f64, to: &mut [T]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to = T::from_f64(factor * from.to_f64()));
 }

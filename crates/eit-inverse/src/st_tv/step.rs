@@ -1,34 +1,34 @@
-//! Step map: the step size of each unknown.
+//! Step map: the step size of each unknown, shared by the frames of a span.
 //!
 //! ```text
-//! g     = gradient of the image, dilated by two, its largest value over a block of frames
-//! tau   = c sqrt(max(g, floor X) / X)          X: largest value of the image
-//! sigma = s / max tau over the unknowns of the difference,   separate s for space, time and bounds
+//! g     = gradient of the images, dilated by two, and what else is expected to change
+//! tau   = c sqrt(max(g, floor X) / X)          X: scale of the images
+//! sigma = s / max tau over the unknowns of the difference,   separate s for space, time, and anchor and bounds
 //! ```
 //!
-//! with `|D|^2 s_space + 4 s_time + s_bounds = 1` (exact steps in time: `|D|^2 s_space + s_time = 1`), so that `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Steps
-//! are large where the image has gradients and small where it is flat. `c` is a fraction of the value
-//! that balances the norms of image and dual variables in the metric of the map, so no
-//! problem-specific tuning is needed.
+//! with `|D|^2 s_space + 4 s_time + s_held = 1` (exact steps in time: `|D|^2 s_space + s_time = 1`), so that
+//! `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Steps are large where the images have gradients and small where they are
+//! flat. `c` comes from the weight of a problem (causal frames), or is a fraction of the value that balances the norms
+//! of images and duals in the metric of the map.
 
-use super::float::Float;
-use super::kernel::LANES;
+use super::differences::{Differences, for_basis};
+use super::lanes::{Lane, Project, each, largest, load, splat, store};
 use super::operators::Operators;
 use super::problem::Problem;
-use super::state::{PAD, State};
-use std::ops::Range;
+use super::state::{SPAN, State};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Fraction of the balanced step that works best at the start, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
 const SHARE: f64 = 0.6;
 
-/// Returns `|D|^2` including the temporal links and the bounds, for `sigma tau |D|^2 = 1`.
-pub(crate) fn norm_squared<T: Float>(ops: &Operators<T>, state: &State<T>) -> f64 {
-    // a basis without differences (one pixel) and without bounds has no dual step
-    squared_norms(ops, state).iter().sum::<f64>().max(1.0)
-}
+/// Smallest gradient in the step map, relative to the largest value of the image.
+pub(crate) const FLOOR: f64 = 2e-3;
 
-/// Returns the step that balances image and dual variables, from their squared norms; `None` if either
+/// Smallest share of the squared dual norm assigned to each of space, time, and anchor and bounds.
+const LEAST_SHARE: f64 = 0.02;
+
+/// Returns the step that balances images and dual variables, from their squared norms; `None` if either
 /// is zero.
 fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
     let step = SHARE * (image / dual / norm_squared).sqrt();
@@ -39,13 +39,13 @@ fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
 /// of their data.
 pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
     let (mut image, mut force) = (0.0, 0.0);
-    for (target, &mode) in problem.targets.iter().zip(problem.mode_of) {
-        let mode = &problem.modes[mode];
-        let rank = problem.singular.len();
-        for (k, s) in problem.singular.iter().enumerate() {
+    for (frame, target) in problem.targets.iter().enumerate() {
+        let (mode, singular) = (problem.mode(frame), &problem.skin.singular);
+        for (k, s) in singular.iter().enumerate() {
             // the operator of a frame without masked channels is diagonal
             let rows = if mode.is_whole { k..k + 1 } else { 0..mode.rows };
-            let pull: f64 = rows.map(|i| mode.transposed[i * rank + k] * target.values[i]).sum();
+            let entry = |i: usize| mode.transposed[i * singular.len() + k];
+            let pull: f64 = rows.map(|i| entry(i) * target.values[i]).sum();
             image += (pull / (s * s + 1e-3)).powi(2);
             force += pull.powi(2);
         }
@@ -53,28 +53,73 @@ pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
     [image, force]
 }
 
-/// Returns a first guess of the step, from the least-squares image and the largest dual variables.
-pub(crate) fn guess<T: Float>(
+/// Returns a first guess of the step, from the least-squares images and the largest dual variables.
+pub(crate) fn guess<T: Project>(
     problem: &Problem<'_>,
     ops: &Operators<T>,
     state: &State<T>,
 ) -> Option<f64> {
     let [image, force] = linear_image(problem);
-    let square = |radii: &[T]| radii.iter().map(|r| r.to_f64().powi(2)).sum::<f64>();
     let frames = state.frames as f64;
-    let mut dual = frames * square(&ops.radius) * problem.lambda_space.powi(2);
-    if !state.time_dual.is_empty() && state.chain.is_none() {
-        dual += frames * square(&ops.time_radius) * problem.lambda_time.powi(2);
+    let [space, time] = ops.radius_norms;
+    let mut dual = frames * (space * problem.lambda_space).powi(2);
+    if problem.linked() && state.chain.is_none() {
+        dual += frames * (time * problem.lambda_time).powi(2);
     }
     // limits very large weights: the duals need at most the force of the data times the skin's width
-    let dual = dual.min(force * ops.unknowns as f64);
-    balanced(image, dual, norm_squared(ops, state))
+    let dual = dual.min(force * ops.unknowns() as f64);
+    balanced(image, dual, total_norm(ops, state))
 }
 
-/// Smallest gradient in the step map, relative to the largest value of the image.
-pub(crate) const FLOOR: f64 = 2e-3;
+/// Returns the balanced step of an iterate.
+pub(crate) fn measure<T: Project>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
+    let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
+    let images = state.origin.iter().zip(&state.change);
+    let image = images.map(|(x, d)| (*x + *d).to_f64().powi(2)).sum();
+    let space = square(&state.flow[0]) + square(&state.flow[1]);
+    let rest = match state.chain {
+        Some(_) => merged_square(state, |_| 1.0),
+        None => square(&state.links) + square(&state.force),
+    };
+    balanced(image, space + rest, total_norm(ops, state))
+}
 
-/// Size of the steps of a map.
+/// Returns the squared norms of the differences in space and time, and of anchor and bounds; 0 for absent terms.
+fn squared_norms<T: Project>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
+    if state.chain.is_some() {
+        return [ops.norm_squared, 1.0, 0.0];
+    }
+    let time = if state.links.is_empty() { 0.0 } else { 4.0 };
+    let held = if state.force.is_empty() { 0.0 } else { 1.0 };
+    [ops.norm_squared, time, held]
+}
+
+fn total_norm<T: Project>(ops: &Operators<T>, state: &State<T>) -> f64 {
+    // a basis without differences (one pixel) and without bounds has no dual step
+    squared_norms(ops, state).iter().sum::<f64>().max(1.0)
+}
+
+/// Sets one step for all unknowns.
+pub(crate) fn set_uniform<T: Project>(
+    arch: Arch,
+    ops: &Operators<T>,
+    state: &mut State<T>,
+    tau: f64,
+) {
+    let tau = T::from_f64(tau);
+    for own in state.tau.chunks_exact_mut(state.cells) {
+        own.iter_mut().zip(&ops.inside).for_each(|(own, inside)| *own = *inside * tau);
+    }
+    set_even(arch, ops, state);
+}
+
+/// Sets `Sigma` with equal `sigma tau` for space, time, and anchor and bounds.
+pub(crate) fn set_even<T: Project>(arch: Arch, ops: &Operators<T>, state: &mut State<T>) {
+    state.split = [1.0 / total_norm(ops, state); 3];
+    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state });
+}
+
+/// Size of the steps of a balanced map.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MapSize {
     /// Fraction of the balanced steps.
@@ -83,156 +128,115 @@ pub(crate) struct MapSize {
     pub(crate) floor: f64,
 }
 
-/// Smallest share of the squared dual norm assigned to each of space, time and bounds.
-const LEAST_SHARE: f64 = 0.02;
-
-/// Returns the balanced step of an iterate.
-pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
-    let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
-    let image = square(&state.image);
-    let rest = match state.chain {
-        Some(_) => (0..ops.unknowns).map(|p| merged_square(state, p, 0..state.stride)).sum(),
-        None => square(&state.time_dual) + square(&state.bound_dual),
-    };
-    let dual = square(&state.dual) + rest;
-    balanced(image, dual, norm_squared(ops, state))
-}
-
-/// Sets one step for all unknowns.
-pub(crate) fn set_uniform<T: Float>(ops: &Operators<T>, state: &mut State<T>, tau: f64) {
-    let blocks = state.blocks();
-    state.tau[..ops.unknowns * blocks].fill(T::from_f64(tau));
-    state.split = even_split(ops, state);
-    set_sigma(ops, state);
-}
-
-/// Multiplies all steps.
-pub(crate) fn scale<T: Float>(ops: &Operators<T>, state: &mut State<T>, factor: f64) {
-    let factor = T::from_f64(factor);
-    state.tau.iter_mut().for_each(|tau| *tau = factor * *tau);
-    set_sigma(ops, state);
-}
-
-/// Sets the steps from the gradient of the image. Returns false and changes nothing if the image or the
+/// Sets balanced steps from the gradient of the images. Returns false and changes nothing if the images or the
 /// duals are zero or not finite.
-pub(crate) fn set_map<T: Float>(
+pub(crate) fn set_map<T: Project>(
+    arch: Arch,
     ops: &Operators<T>,
     state: &mut State<T>,
     scratch: &mut MapScratch<T>,
     steps: MapSize,
 ) -> bool {
-    let blocks = state.blocks();
-    let size = state.image.iter().fold(T::default(), |most, x| most.max(x.abs()));
-    if !(size > T::default() && size.to_f64().is_finite()) {
+    let size = state.size();
+    if !(size > 0.0 && size.is_finite()) {
         return false;
     }
-    scratch.gradient(ops, state);
     scratch.before.copy_from_slice(&state.tau);
-    let per_size = 1.0 / size.to_f64();
-    for (tau, g) in state.tau[..ops.unknowns * blocks].iter_mut().zip(&scratch.cells) {
-        *tau = T::from_f64((g.to_f64() * per_size).max(steps.floor).sqrt());
-    }
-    let Some(factor) = balance(ops, state) else {
-        state.tau.copy_from_slice(&scratch.before);
-        return false;
-    };
-    scale(ops, state, steps.share * factor);
-    true
-}
-
-/// Computes `Sigma` from `T`.
-fn set_sigma<T: Float>(ops: &Operators<T>, state: &mut State<T>) {
-    let blocks = state.blocks();
-    let State { tau, cell_sigma, group_sigma, split: [space, time, _], .. } = state;
-    let cells = cell_sigma[..ops.unknowns * blocks].iter_mut();
-    cells.zip(&*tau).for_each(|(s, tau)| *s = T::from_f64(*time / tau.to_f64()));
-    for (group, sigmas) in ops.groups.iter().zip(group_sigma.chunks_exact_mut(blocks)) {
-        for (block, s) in sigmas.iter_mut().enumerate() {
-            let largest = largest_tau(tau, group.unknowns, blocks, block);
-            *s = T::from_f64(*space / largest);
+    scratch.clear();
+    scratch.take_images(state);
+    scratch.raise_to_gradient(arch, ops, state.frames);
+    scratch.set_tau(state, ops, size, steps.floor, 1.0);
+    let split = std::mem::replace(&mut state.split, [1.0; 3]);
+    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state: &mut *state });
+    let factor = balance(ops, state);
+    match factor {
+        Some(factor) => {
+            let factor = T::from_f64(steps.share * factor);
+            state.tau.iter_mut().for_each(|tau| *tau = factor * *tau);
+        }
+        None => {
+            state.split = split;
+            state.tau.copy_from_slice(&scratch.before);
         }
     }
+    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state });
+    factor.is_some()
 }
 
-pub(crate) fn largest_tau<T: Float>(
-    tau: &[T],
-    unknowns: [u32; 3],
-    blocks: usize,
-    block: usize,
+/// Returns the sum of squares of `v - w`, `[frame][..]`, each times or over the step of its span.
+fn weighted<T: Project>(
+    values: [&[T]; 2],
+    steps: &[T],
+    length: usize,
+    weight: impl Fn(f64, f64) -> f64,
 ) -> f64 {
-    let own = unknowns.map(|p| tau[p as usize * blocks + block].to_f64());
-    own[0].max(own[1]).max(own[2])
-}
-
-/// Returns the squared norms of the differences in space and time and of the bounds; 0 for absent terms.
-fn squared_norms<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
-    if state.chain.is_some() {
-        return [ops.norm_squared, 1.0, 0.0];
+    let [first, second] = values;
+    let mut sum = 0.0;
+    for (frame, row) in first.chunks_exact(length).enumerate() {
+        let steps = &steps[frame / SPAN * length..][..length];
+        let other = second.get(frame * length..).unwrap_or_default();
+        for (i, (v, step)) in row.iter().zip(steps).enumerate() {
+            let v = v.to_f64() - other.get(i).map_or(0.0, |w| w.to_f64());
+            if v != 0.0 {
+                sum += weight(v * v, step.to_f64());
+            }
+        }
     }
-    let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
-    let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
-    [ops.norm_squared, time, bounds]
+    sum
 }
 
-/// Returns equal `sigma tau` for space, time and bounds.
-fn even_split<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
-    [1.0 / squared_norms(ops, state).iter().sum::<f64>().max(1.0); 3]
+/// Returns the sum of the squared `D_t' q_t + p`, times a weight of the index of its step.
+fn merged_square<T: Project>(state: &State<T>, weight: impl Fn(usize) -> f64) -> f64 {
+    let (cells, mut sum) = (state.cells, 0.0);
+    for at in 0..state.frames * cells {
+        let held = state.force.get(at).copied().unwrap_or_default();
+        let own = (state.links[at] - state.links[at + cells]) + held;
+        let (frame, cell) = (at / cells, at % cells);
+        sum += own.to_f64().powi(2) * weight(frame / SPAN * cells + cell);
+    }
+    sum
 }
 
-/// Returns the squared norm of `D_t' q_t + p` of an unknown over a range of frames.
-fn merged_square<T: Float>(state: &State<T>, unknown: usize, frames: Range<usize>) -> f64 {
-    let at = unknown * state.stride;
-    let value = |t: usize| {
-        let time = state.time_dual[PAD + at + t - 1] - state.time_dual[PAD + at + t];
-        let bound = state.bound_dual.get(at + t).copied().unwrap_or_default();
-        (time + bound).to_f64()
-    };
-    frames.map(|t| value(t).powi(2)).sum()
-}
-
-/// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time and bounds according to their
-/// norms, and returns the factor that balances image and duals.
+/// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time, and anchor and bounds according to their
+/// norms, and returns the factor that balances images and duals.
 ///
 /// ```text
 /// min  sum_i N_i / s_i  with  sum_i c_i s_i = 1:     s_i = sqrt(N_i / c_i) / sum_j sqrt(c_j N_j)
 /// ```
 ///
-/// with `N_i` the squared norms of the duals, weighted by `tau`, and `c_i` the squared operator norms.
-fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
-    let (stride, blocks) = (state.stride, state.blocks());
-    let square = |row: &[T]| row.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
-    let (mut image, mut carried) = (0.0, [0.0; 3]);
-    if state.is_centred {
-        state.centre(ops.unknowns);
-    }
-    for p in 0..ops.unknowns {
-        for block in 0..blocks {
-            let at = p * stride + block * LANES..p * stride + (block + 1) * LANES;
-            let tau = state.tau[p * blocks + block].to_f64();
-            let means = &state.means[block * LANES..][..LANES];
-            let row = state.image[at.clone()].iter().zip(means);
-            image += row.map(|(x, mean)| (x.to_f64() - mean).powi(2)).sum::<f64>() / tau;
-            if state.chain.is_some() {
-                carried[1] += tau * merged_square(state, p, block * LANES..(block + 1) * LANES);
-                continue;
-            }
-            if !state.time_dual.is_empty() {
-                carried[1] += tau * square(&state.time_dual[PAD..][at.clone()]);
-            }
-            if !state.bound_dual.is_empty() {
-                carried[2] += tau * square(&state.bound_dual[at]);
-            }
+/// with `N_i` the squared norms of the duals, weighted by `tau`, and `c_i` the squared operator norms. The steps must
+/// be those of a split of 1.
+fn balance<T: Project>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
+    let (cells, groups) = (state.cells, state.groups);
+    let mut image = 0.0;
+    let mut row = vec![T::default(); cells];
+    for frame in 0..state.frames {
+        let at = frame * cells..(frame + 1) * cells;
+        let pairs = state.origin[at.clone()].iter().zip(&state.change[at]);
+        row.iter_mut().zip(pairs).for_each(|(out, (x, d))| *out = *x + *d);
+        if state.is_centred {
+            let inside =
+                || row.iter().zip(&ops.inside).filter(|(_, inside)| **inside > T::default());
+            let sum: f64 = inside().map(|(x, _)| x.to_f64()).sum();
+            let mean = T::from_f64(sum / ops.unknowns() as f64);
+            row.iter_mut().zip(&ops.inside).for_each(|(x, inside)| *x = *x - *inside * mean);
         }
+        let steps = &state.cell_step[frame / SPAN * cells..][..cells];
+        image += weighted([&row, &[]], steps, cells, |square, step| square * step);
     }
-    for (index, group) in ops.groups.iter().enumerate() {
-        for block in 0..blocks {
-            let tau = largest_tau(&state.tau, group.unknowns, blocks, block);
-            for c in 0..ops.components {
-                let at = (index * ops.components + c) * stride + block * LANES;
-                carried[0] += tau * square(&state.dual[at..at + LANES]);
-            }
+    let of_groups =
+        |q: &[T]| weighted([q, &[]], &state.group_step, groups, |square, step| square / step);
+    let of_cells = |q: &[T]| weighted([q, &[]], &state.tau, cells, |square, tau| square * tau);
+    let carried = match state.chain {
+        Some(_) => [0.0, merged_square(state, |at| state.tau[at].to_f64()), 0.0],
+        // links between two rows of zeros, with the steps of the frame after
+        None if !state.links.is_empty() => {
+            let links = &state.links[..state.frames * cells];
+            [0.0, of_cells(links), of_cells(&state.force)]
         }
-    }
+        None => [0.0, 0.0, of_cells(&state.force)],
+    };
+    let carried = [of_groups(&state.flow[0]) + of_groups(&state.flow[1]), carried[1], carried[2]];
     let norms = squared_norms(ops, state);
     let all: f64 = carried.iter().sum();
     if !(all > 0.0 && all.is_finite()) {
@@ -250,58 +254,224 @@ fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
     (factor > 0.0 && factor.is_finite()).then_some(factor)
 }
 
+/// Images and duals of an earlier iterate, from which long runs balance their steps.
+///
+/// ```text
+/// ratio^2 = |x - x_0|^2_{T^-1} / |q - q_0|^2_{Sigma^-1}      over all duals q
+/// ```
+///
+/// Steps are balanced if both travel equally far. The norms of images and duals, from which a step map is
+/// balanced, say nothing of that where the image has far to go under a small force: in a direction that the
+/// constraints of the data leave free, or that few channels see. Applegate et al. (*Practical large-scale linear
+/// programming using primal-dual hybrid gradient*, NeurIPS 2021, section 3.3) balance their steps likewise.
+pub(crate) struct Travel<T> {
+    image: Vec<T>,
+    flow: [Vec<T>; 2],
+    links: Vec<T>,
+    force: Vec<T>,
+}
+
+impl<T: Project> Travel<T> {
+    /// Starts from the current iterate.
+    pub(crate) fn from(state: &State<T>) -> Self {
+        let image = state.origin.iter().zip(&state.change).map(|(x, d)| *x + *d).collect();
+        let (flow, links, force) = (state.flow.clone(), state.links.clone(), state.force.clone());
+        Self { image, flow, links, force }
+    }
+
+    /// Returns `ratio` since an earlier iterate, in the metric of the current steps: 1 if nothing moved, infinite if
+    /// only the image did.
+    pub(crate) fn ratio(&self, before: &Self, state: &State<T>) -> f64 {
+        let (cells, groups) = (state.cells, state.groups);
+        let image = [self.image.as_slice(), &before.image];
+        let image = weighted(image, &state.cell_step, cells, |square, step| square * step);
+        let moved = |own: &[T], before: &[T]| {
+            weighted([own, before], &state.tau, cells, |square, tau| square * tau)
+        };
+        let held = match state.chain {
+            // exact steps change the sum
+            Some(_) => {
+                let mut change = vec![T::default(); state.frames * cells];
+                for (at, out) in change.iter_mut().enumerate() {
+                    let sum = |travel: &Self| {
+                        let held = travel.force.get(at).copied().unwrap_or_default();
+                        (travel.links[at] - travel.links[at + cells]) + held
+                    };
+                    *out = sum(self) - sum(before);
+                }
+                moved(&change, &[]) / state.split[1]
+            }
+            None => {
+                let known = self.links.len().saturating_sub(cells);
+                moved(&self.links[..known], &before.links) / state.split[1]
+                    + moved(&self.force, &before.force) / state.split[2]
+            }
+        };
+        let flow: f64 = (0..2)
+            .map(|c| {
+                let q = [self.flow[c].as_slice(), &before.flow[c]];
+                weighted(q, &state.group_step, groups, |square, step| square / step)
+            })
+            .sum();
+        match (image / (flow + held)).sqrt() {
+            ratio if ratio.is_nan() => 1.0,
+            ratio => ratio,
+        }
+    }
+}
+
 /// Memory for a step map.
 #[derive(Debug, Clone)]
 pub(crate) struct MapScratch<T> {
-    /// Gradient of each unknown and of each group, in blocks of frames.
-    cells: Vec<T>,
+    /// Scale of the expected changes, `[span][cell]`.
+    scale: Vec<T>,
+    images: Vec<T>,
+    spread: Vec<T>,
     groups: Vec<T>,
     /// Previous steps, restored if no map can be computed.
     before: Vec<T>,
 }
 
-impl<T: Float> MapScratch<T> {
-    pub(crate) fn new(ops: &Operators<T>, state: &State<T>) -> Self {
-        let zero = T::default();
+impl<T: Project> MapScratch<T> {
+    pub(crate) fn new(state: &State<T>) -> Self {
         Self {
-            cells: vec![zero; ops.unknowns * state.blocks()],
-            groups: vec![zero; ops.groups.len() * state.blocks()],
+            scale: state.tau.clone(),
+            images: state.origin.clone(),
+            spread: vec![T::default(); state.cells],
+            groups: vec![T::default(); state.groups],
             before: state.tau.clone(),
         }
     }
 
-    /// Computes the largest differences of the image, dilated by two groups.
-    fn gradient(&mut self, ops: &Operators<T>, state: &State<T>) {
-        let (stride, blocks) = (state.stride, state.blocks());
-        for (group, out) in ops.groups.iter().zip(self.groups.chunks_exact_mut(blocks)) {
-            let [a, b, c] = group.unknowns.map(|p| &state.image[p as usize * stride..][..stride]);
-            for (block, out) in out.iter_mut().enumerate() {
-                let mut most = T::default();
-                for t in block * LANES..(block + 1) * LANES {
-                    for w in &group.weights {
-                        let d = w[0] * a[t] + w[1] * b[t] + w[2] * c[t];
-                        most = most.max(d.abs());
-                    }
-                }
-                *out = most;
+    /// Resets the scale.
+    pub(crate) fn clear(&mut self) {
+        self.scale.fill(T::default());
+    }
+
+    /// Raises the scale of a single frame to at least `share` times the absolute values, over cells.
+    pub(crate) fn raise(&mut self, values: &[T], share: f64) {
+        let share = T::from_f64(share);
+        for (scale, value) in self.scale.iter_mut().zip(values) {
+            *scale = scale.max(share * value.abs());
+        }
+    }
+
+    /// Takes the images of an iterate.
+    fn take_images(&mut self, state: &State<T>) {
+        let images = state.origin.iter().zip(&state.change);
+        self.images.iter_mut().zip(images).for_each(|(out, (x, d))| *out = *x + *d);
+    }
+
+    /// Takes other images, over cells.
+    pub(crate) fn take(&mut self, images: impl Iterator<Item = T>) {
+        self.images.iter_mut().zip(images).for_each(|(own, x)| *own = x);
+    }
+
+    /// Raises the scale to at least the dilated gradient of the images.
+    pub(crate) fn raise_to_gradient(&mut self, arch: Arch, ops: &Operators<T>, frames: usize) {
+        for_basis!(arch, ops.basis, |differences| Dilate {
+            ops,
+            differences,
+            frames,
+            scratch: &mut *self
+        });
+    }
+
+    /// Sets `tau = factor sqrt(max(scale, floor size) / size)`; returns the largest.
+    pub(crate) fn set_tau(
+        &self,
+        state: &mut State<T>,
+        ops: &Operators<T>,
+        size: f64,
+        floor: f64,
+        factor: f64,
+    ) -> f64 {
+        let (floor, factor) = (T::from_f64(floor), T::from_f64(factor));
+        let per_size = T::from_f64(1.0 / size);
+        let mut most: Lane<T> = splat(T::default());
+        for span in 0..state.spans() {
+            for &at in &ops.places.blocks {
+                let here = span * state.cells + at;
+                let (g, inside) = (load(&self.scale, here), load(&ops.inside, at));
+                let own = each(|l| inside[l] * (factor * (g[l] * per_size).max(floor).sqrt()));
+                store(&mut state.tau, here, own);
+                most = each(|l| most[l].max(own[l]));
             }
         }
-        self.cells.fill(T::default());
-        for round in 0..3 {
-            for (group, own) in ops.groups.iter().zip(self.groups.chunks_exact(blocks)) {
-                for p in group.unknowns {
-                    let cells = &mut self.cells[p as usize * blocks..][..blocks];
-                    cells.iter_mut().zip(own).for_each(|(c, g)| *c = c.max(*g));
+        largest(&most).to_f64()
+    }
+}
+
+/// Computes the largest differences of the images of each span, dilated by two groups.
+struct Dilate<'a, T: Project, D> {
+    ops: &'a Operators<T>,
+    differences: &'a D,
+    frames: usize,
+    scratch: &'a mut MapScratch<T>,
+}
+
+impl<T: Project, D: Differences<T>> WithSimd for Dilate<'_, T, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, differences, frames, scratch } = self;
+        let MapScratch { scale, images, spread, groups, .. } = scratch;
+        let cells = ops.cells();
+        for (span, scale) in scale.chunks_exact_mut(cells).enumerate() {
+            groups.fill(T::default());
+            for frame in span * SPAN..frames.min((span + 1) * SPAN) {
+                let image = &images[frame * cells..][..cells];
+                for &at in differences.group_blocks() {
+                    let ([a, b], old) = (differences.difference(image, at), load(groups, at));
+                    store(groups, at, each(|l| old[l].max(a[l].abs().max(b[l].abs()))));
                 }
             }
-            if round == 2 {
-                break;
-            }
-            for (group, own) in ops.groups.iter().zip(self.groups.chunks_exact_mut(blocks)) {
-                for p in group.unknowns {
-                    let cells = &self.cells[p as usize * blocks..][..blocks];
-                    own.iter_mut().zip(cells).for_each(|(g, c)| *g = g.max(*c));
+            for round in 0..3 {
+                for (block, &at) in ops.places.blocks.iter().enumerate() {
+                    store(spread, at, differences.cell_largest(groups, block, at));
                 }
+                if round < 2 {
+                    for &at in differences.group_blocks() {
+                        store(groups, at, differences.group_largest(spread, at));
+                    }
+                }
+            }
+            for &at in &ops.places.blocks {
+                let (old, new) = (load(scale, at), load(spread, at));
+                store(scale, at, each(|l| old[l].max(new[l])));
+            }
+        }
+    }
+}
+
+/// Computes `1 / tau` of the cells and `Sigma` of the groups.
+struct Sigma<'a, T: Project, D> {
+    ops: &'a Operators<T>,
+    differences: &'a D,
+    state: &'a mut State<T>,
+}
+
+impl<T: Project, D: Differences<T>> WithSimd for Sigma<'_, T, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, differences, state } = self;
+        let (cells, groups) = (state.cells, state.groups);
+        let space = T::from_f64(state.split[0]);
+        // smaller than any step: groups and cells without an unknown
+        let tiny = T::from_f64(f64::from(f32::MIN_POSITIVE).sqrt());
+        let State { tau, cell_step, group_step, .. } = state;
+        let spans = tau.chunks_exact(cells).zip(cell_step.chunks_exact_mut(cells));
+        for ((tau, cell), group) in spans.zip(group_step.chunks_exact_mut(groups.max(1))) {
+            for &at in &ops.places.blocks {
+                let (own, inside) = (load(tau, at), load(&ops.inside, at));
+                store(cell, at, each(|l| inside[l] / own[l].max(tiny)));
+            }
+            for &at in differences.group_blocks() {
+                let own = differences.group_largest(tau, at);
+                store(group, at, each(|l| space / own[l].max(tiny)));
             }
         }
     }

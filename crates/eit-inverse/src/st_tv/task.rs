@@ -2,7 +2,7 @@
 
 use super::batch::StTv;
 use super::data::SequenceData;
-use super::problem::{DataTerm, Problem};
+use super::problem::Problem;
 use super::settings::{Fidelity, Weights};
 use crate::check::check_range;
 use crate::{
@@ -95,23 +95,18 @@ impl<'a> Task<'a> {
         self.frames > 1 && self.lambda_time > 0.0
     }
 
-    pub(crate) fn data_term(&self) -> DataTerm<'_> {
-        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
-    }
-
-    pub(crate) fn problem(&self) -> Problem<'_> {
+    pub(crate) fn problem(&self, target_gap: f64) -> Problem<'_> {
         Problem {
-            ops: &self.solver.double,
-            laplacian: &self.solver.laplacian,
-            parts: &self.solver.parts,
-            singular: &self.solver.compression.singular,
+            skin: &self.solver.skin,
             modes: &self.data.modes,
             mode_of: &self.data.mode_of,
             targets: &self.data.targets,
-            data_term: self.data_term(),
+            delta: (!self.delta.is_empty()).then_some(self.delta.as_slice()),
             lambda_space: self.lambda_space,
             lambda_time: self.lambda_time,
+            anchor: None,
             bounds: self.bounds,
+            target_gap,
         }
     }
 
@@ -142,11 +137,10 @@ impl<'a> Task<'a> {
         if self.linked() { "st-tv" } else { "tv" }
     }
 
-    /// Converts images `[unknown][stride]` and a trace from internal units to a sequence.
+    /// Converts images, over cells, and a trace from internal units to a sequence.
     pub(crate) fn sequence(
         &self,
         images: &[f64],
-        stride: usize,
         residual: &[f64],
         trace: &[TracePoint],
         status: SequenceStatus,
@@ -162,10 +156,10 @@ impl<'a> Task<'a> {
         let last = trace.last().copied();
         let per_image = self.scale / self.solver.unit;
         let [lower, upper] = [self.solver.settings.lower_s, self.solver.settings.upper_s];
-        let unknowns = self.solver.unknowns();
+        let (unknowns, places) = (self.solver.unknowns(), &self.solver.skin.operators.places);
         let value = |(frame, p): (usize, usize)| {
             // clip again, so that bounds hold exactly after scaling
-            (images[p * stride + frame] * per_image).clamp(lower, upper)
+            (images[frame * places.length + places.cells[p]] * per_image).clamp(lower, upper)
         };
         let iterations = last.map_or(0, |point| point.iterations);
         let bounds = last.map(|TracePoint { primal, lower_bound, .. }| (primal, lower_bound));

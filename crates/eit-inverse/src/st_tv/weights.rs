@@ -2,10 +2,10 @@
 //!
 //! Over 300 lines because start, search and refinement share the path of trial solves.
 
-use super::kernel::LANES;
+use super::laplacian::SIDES;
 use super::run::Run;
 use super::settings::Weights;
-use super::state::State;
+use super::state::{SPAN, State};
 use super::task::Task;
 use super::{Fidelity, StTv, Stop};
 use crate::check::{check_positive, check_range};
@@ -13,8 +13,8 @@ use crate::{DifferenceFrames, InverseError, SequenceStatus};
 use ndarray::Axis;
 use std::time::Instant;
 
-/// Number of frames used for the choice, as many as are processed together.
-const SAMPLE: usize = LANES;
+/// Number of frames used for the choice, as many as share their steps.
+const SAMPLE: usize = SPAN;
 /// Target gap of the first trial, far from the weight sought, and of the later ones. The residual converges
 /// long before the objective, but near the noise level it changes by only a tenth for a factor of e in the
 /// weight: a gap of 0.1 in all trials gave weights up to 1.4 times too small, and 0.015 up to 1.2 times. A gap of 0.03
@@ -181,36 +181,30 @@ impl StTv {
     /// Returns the root mean square over the groups of the smallest flow that balances unit noise:
     /// `sqrt(sum_k s_k^2 v_k' L^+ v_k / groups)`, in the caller's units.
     fn weight_of_noise(&self) -> f64 {
-        let ops = &self.double;
-        let basis = &self.compression.basis;
-        let values = ops.unknowns.next_multiple_of(super::operators::BLOCK) * LANES;
-        let (mut solution, mut work) = (vec![0.0; values], vec![0.0; values]);
-        let means =
-            |part: usize, k: usize| self.parts.sensitivity[part][k] / self.parts.sizes[part];
+        let (basis, parts) = (&self.compression.basis, &self.skin.parts);
+        let (ops, zeros) = (&self.skin.operators, vec![[0.0; SIDES]; self.unknowns()]);
+        let (mut solution, mut work) = (zeros.clone(), zeros);
+        // without the mean on each part, which no flow can balance
+        let varying = |p: usize, k: usize| {
+            let part = parts.label[p] as usize;
+            basis[(p, k)] - parts.sensitivity[part][k] / parts.sizes[part]
+        };
         let mut sum = 0.0;
-        for first in (0..ops.rank).step_by(LANES) {
-            let columns = first..(first + LANES).min(ops.rank);
-            solution.fill(0.0);
-            for k in columns.clone() {
-                // remove the mean on each part, which no flow can balance
-                for (p, &part) in self.parts.label.iter().enumerate() {
-                    solution[p * LANES + k - first] = basis[(p, k)] - means(part as usize, k);
-                }
+        for first in (0..ops.rank).step_by(SIDES) {
+            let known = SIDES.min(ops.rank - first);
+            for (p, row) in solution.iter_mut().enumerate() {
+                *row = std::array::from_fn(|l| if l < known { varying(p, first + l) } else { 0.0 });
             }
-            self.laplacian.solve(self.arch, &mut solution, &mut work, LANES);
-            for k in columns {
+            self.skin.laplacian.solve(self.skin.arch, &mut solution, &mut work);
+            for l in 0..known {
                 // the constant of the solution on a part has no effect, as the right-hand side has mean 0
-                let energy: f64 = (0..ops.unknowns)
-                    .map(|p| {
-                        let part = self.parts.label[p] as usize;
-                        solution[p * LANES + k - first] * (basis[(p, k)] - means(part, k))
-                    })
-                    .sum();
-                sum += self.compression.singular[k].powi(2) * energy.max(0.0);
+                let rows = solution.iter().enumerate();
+                let energy: f64 = rows.map(|(p, row)| row[l] * varying(p, first + l)).sum();
+                sum += self.compression.singular[first + l].powi(2) * energy.max(0.0);
             }
         }
-        let radius: f64 = ops.radius.iter().sum::<f64>() / ops.groups.len().max(1) as f64;
-        self.unit * (sum / ops.groups.len().max(1) as f64).sqrt() / radius
+        let groups = self.gradient.groups().max(1) as f64;
+        self.unit * (sum / groups).sqrt() / ops.mean_radius
     }
 }
 

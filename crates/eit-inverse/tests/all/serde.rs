@@ -16,7 +16,7 @@ fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T
 use eit_inverse::metrics::TouchSettings;
 use eit_inverse::sequence::{AbsoluteSettings, TimePriorSettings};
 use eit_inverse::touch::{DetectorSettings, TouchState, TrackerSettings};
-use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings, StreamSettings};
+use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings};
 
 #[test]
 fn settings_survive() {
@@ -24,7 +24,6 @@ fn settings_survive() {
     same(&AbsoluteSettings::default());
     same(&TimePriorSettings::default());
     same(&CausalSettings::default());
-    same(&StreamSettings::default());
     same(&DetectorSettings::with_least(2e-11));
     same(&TrackerSettings::with_strong(6e-11));
     assert!(serde_json::from_str::<StTvSettings>(r#"{"lambda":1}"#).is_err());

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
-    DifferenceFrames, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings,
-    StTvStream, Stop, StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, InverseError,
+    SequenceStatus, StTv, StTvSettings, Stop,
 };
 use fixtures::Random;
 use ndarray::{Array1, Array2};
@@ -70,9 +70,9 @@ fn settings(noise: f64) -> StTvSettings {
 const NOISE: f64 = 0.02;
 const GAP: f64 = 1e-2;
 
-fn stream_of(solver: &StTv) -> StTvStream {
-    let settings = StreamSettings { target_gap: GAP, ..Default::default() };
-    StTvStream::new(solver.clone(), settings).unwrap()
+fn stream_of(solver: &StTv) -> CausalStream {
+    let settings = CausalSettings { target_gap: GAP, ..Default::default() };
+    CausalStream::new(solver.clone(), settings).unwrap()
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
@@ -190,13 +190,13 @@ fn bad_input_is_refused_and_leaves_the_stream() {
         let wanted = clean.push(values, good).unwrap().image;
         assert_eq!(tried.push(values, good).unwrap().image, wanted, "frame {f}");
     }
-    let fine = StreamSettings::default();
+    let fine = CausalSettings::default();
     for wrong in [
-        StreamSettings { target_gap: 0.0, ..fine },
-        StreamSettings { target_gap: f64::NAN, ..fine },
-        StreamSettings { max_iterations: 0, ..fine },
+        CausalSettings { target_gap: 0.0, ..fine },
+        CausalSettings { target_gap: f64::NAN, ..fine },
+        CausalSettings { max_iterations: 0, ..fine },
     ] {
-        assert!(StTvStream::new(solver.clone(), wrong).is_err(), "{wrong:?}");
+        assert!(CausalStream::new(solver.clone(), wrong).is_err(), "{wrong:?}");
     }
 }
 

@@ -14,24 +14,16 @@ use crate::scene::Delta;
 use crate::synthetic_touch::{self, Places};
 use eit_inverse::{
     CausalSettings, CausalStep, CausalStream, Certificate, DifferenceFrames, Fidelity,
-    InverseError, SequenceStatus, StTvStream, StreamSettings, StreamStep,
+    InverseError, SequenceStatus,
 };
 use ndarray::Array2;
 
 /// A stream that is ready for frames, and its weights.
 #[derive(Debug, Clone)]
 pub struct TvStream {
-    solver: Solver,
+    stream: CausalStream,
     /// Weights of the frames' images.
     pub weights: Weights,
-}
-
-#[derive(Debug, Clone)]
-enum Solver {
-    /// Each frame is coupled to the image before it.
-    Causal(Box<CausalStream>),
-    /// Each frame on its own, without a time term.
-    Alone(Box<StTvStream>),
 }
 
 /// Result for one frame.
@@ -61,27 +53,17 @@ impl TvStream {
         differences: &[f64],
         good: Option<&[bool]>,
     ) -> Result<TvStep<'_>, InverseError> {
-        Ok(match &mut self.solver {
-            Solver::Causal(stream) => TvStep::causal(stream.push(differences, good)?),
-            Solver::Alone(stream) => TvStep::alone(stream.push(differences, good)?),
-        })
+        Ok(TvStep::new(self.stream.push(differences, good)?))
     }
 
     /// Records a lost frame: a coupled stream keeps its image, one without a time term shows none (zero).
     pub(crate) fn push_dropped(&mut self) -> TvStep<'_> {
-        match &mut self.solver {
-            Solver::Causal(stream) => TvStep::causal(stream.push_dropped()),
-            Solver::Alone(stream) => TvStep::alone(stream.push_dropped()),
-        }
+        TvStep::new(self.stream.push_dropped())
     }
 
     /// Discards the previous image, because frames have passed without one.
     pub fn restart(&mut self) {
-        match &mut self.solver {
-            Solver::Causal(stream) => stream.restart(),
-            // frames are independent
-            Solver::Alone(_) => {}
-        }
+        self.stream.restart();
     }
 
     /// Describes the weights in a few words, such as for a caption.
@@ -92,18 +74,13 @@ impl TvStream {
 
     /// Returns whether images are coupled in time.
     pub(crate) fn has_time(&self) -> bool {
-        matches!(self.solver, Solver::Causal(_))
+        self.weights.lambda_time > 0.0
     }
 }
 
 impl<'a> TvStep<'a> {
-    fn causal(step: CausalStep<'a>) -> Self {
+    fn new(step: CausalStep<'a>) -> Self {
         let CausalStep { image, status, iterations, certificate, quiet, .. } = step;
-        Self { image, status, iterations, certificate, quiet }
-    }
-
-    fn alone(step: StreamStep<'a>) -> Self {
-        let StreamStep { image, status, iterations, certificate, quiet, .. } = step;
         Self { image, status, iterations, certificate, quiet }
     }
 }
@@ -175,15 +152,6 @@ fn stream(
     solver.set_weights(weights.lambda_space, weights.lambda_time, fidelity)?;
     let target_gap = stop(keys).target_gap;
     let max_iterations = most_iterations(&jacobian);
-    let solver = match weights.lambda_time > 0.0 {
-        true => {
-            let settings = CausalSettings { target_gap, max_iterations, ..Default::default() };
-            Solver::Causal(Box::new(CausalStream::new(solver, settings)?))
-        }
-        false => {
-            let settings = StreamSettings { target_gap, max_iterations, ..Default::default() };
-            Solver::Alone(Box::new(StTvStream::new(solver, settings)?))
-        }
-    };
-    Ok(TvStream { solver, weights })
+    let settings = CausalSettings { target_gap, max_iterations, ..Default::default() };
+    Ok(TvStream { stream: CausalStream::new(solver, settings)?, weights })
 }

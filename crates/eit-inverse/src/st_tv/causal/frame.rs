@@ -1,92 +1,71 @@
-//! One frame: iterations and evaluations of image and bound, until the gap is proven or a limit is
-//! reached.
-//!
-//! Over 300 lines because the steps of one loop share the arrays of one engine; the objective and the
-//! bound of its iterates are computed in `value` and `bound`.
+//! The problem of one frame of a stream: iterations and evaluations of image and bound, until the gap is proven or a
+//! limit is reached.
 
-use super::bound::{Proof, prove};
-use super::differences::Basis;
-use super::fields::{Fields, Setting};
-use super::iterate::{Columns, DataStep, Iterate, RowsTimes};
-use super::lanes::Project;
-use super::map::{StepMap, Weights};
-use super::proof::{Expand, FlowFields};
-use super::seen::{Seen, Target};
-use super::value::{Record, value};
+use super::super::certificate::{Bound, Certificate, Effort, Iterate};
+use super::super::fit::DataSteps;
+use super::super::iterate::{Expand, Pace};
+use super::super::lanes::Project;
+use super::super::operators::Operators;
+use super::super::problem::{Anchor, Problem};
+use super::super::schedule::{
+    CLOCK, FLOW_STEPS, LEAN, SINGLE_PRECISION_GAP, SMOOTHING, relative_gap,
+};
+use super::super::state::State;
+use super::super::step::{self, FLOOR, MapScratch};
+use super::super::value::Candidate;
+use super::settings::CausalSettings;
 use crate::InverseError;
-use crate::st_tv::float::Float;
-use crate::st_tv::schedule::{CLOCK, LEAST_SHORT_GAP, SMOOTHING};
-use pulp::Arch;
 use std::time::Instant;
 
-/// Iterations of a slow frame. From about here on evaluations are farther apart, each followed by a new
-/// map, and bounds are computed twice.
-const SLOW: usize = 50;
-/// Minimum number of iterations before the first evaluation.
-const FIRST: usize = 20;
-/// Iterations after which the smoothing may keep the gap open; it is halved at each evaluation.
-const STUCK: usize = 120;
-
-/// Factor on the step per evaluation of a slow frame with bounds, and smallest step.
+/// Number of frames of a steady stream between two step maps.
+const MAP_EVERY: usize = 4;
+/// Target gaps below this sum the data term of a candidate in `f64`: the bound on the rounding error of `f32` is small
+/// compared with larger gaps.
+const LEAST_ROUNDED_GAP: f64 = 3e-3;
+/// Over-relaxation factor.
+const RHO: f64 = 1.8;
+/// `c (X / lambda_space)` is the factor of the step map, for a largest singular value of 1; between 0.04 and 0.08 the
+/// number of iterations of a steady frame varies by a tenth.
+const STEP: f64 = 0.057;
+/// Factor on the step with bounds, whose duals need large changes: at 32 x 32 a third takes 76 iterations, 1 takes 98,
+/// a tenth 117. Factor on it per evaluation of a slow frame, and smallest one.
+const BOUNDED_STEP: f64 = 0.3;
 const STEP_FALL: f64 = 0.8;
 const LEAST_STEP: f64 = 0.05;
-
-/// Problem of one frame in internal units.
-#[derive(Clone, Copy)]
-pub(crate) struct Problem<'a> {
-    pub(crate) arch: Arch,
-    pub(crate) seen: &'a Seen,
-    pub(crate) target: &'a Target,
-    /// `t - F' V' x^`, `[row of F']`.
-    pub(crate) beta: &'a [f64],
-    pub(crate) weights: Weights,
-    pub(crate) bounds: Option<[f64; 2]>,
-    /// Squared radius of the data constraint; `None` for penalised data.
-    pub(crate) ball: Option<f64>,
-    pub(crate) target_gap: f64,
-    /// Largest value of the anchor and of the linear image of the innovation.
-    pub(crate) shown: f64,
-    /// Image of the previous frame, over cells.
-    pub(crate) anchor: &'a [f64],
-    /// Layout and basis for evaluations in `f64`.
-    pub(crate) exact: &'a Setting<f64>,
-}
-
+/// Ridge parameter of the linear image of an innovation, for a largest singular value of 1; it only affects steps.
+const RIDGE: f64 = 1e-3;
 /// Largest scale of an image relative to `objective / lambda_space`; the edge of a small touch is about
 /// fifty pixels long. The error of the smoothing is proportional to the scale and must stay small compared
 /// with the objective.
 const SCALE: f64 = 0.012;
-
-impl Problem<'_> {
-    /// Lowers the scale of the image and the smoothing to the limits given by an objective; the scale stays
-    /// at or above `shown`.
-    fn fit_scale(&mut self, objective: f64) {
-        let edge = self.weights.lambda_space * self.exact.mean_radius;
-        let largest = SCALE * objective / edge;
-        let gamma = SMOOTHING * self.target_gap * largest;
-        if gamma < self.weights.gamma && gamma > 0.0 {
-            self.weights.gamma = gamma;
-        }
-        self.weights.image = self.weights.image.min(largest.max(self.shown));
-    }
-}
-
-/// Limits of the iteration.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    pub(crate) iterations: usize,
-    pub(crate) start: Instant,
-    /// Seconds after `start`.
-    pub(crate) deadline: f64,
-    /// Iterations after which the frame continues in `f64`.
-    pub(crate) give_up: usize,
-    /// Iterations before the first evaluation.
-    pub(crate) first_look: usize,
-}
+/// Smallest ratio of the image's scale from one map to the next.
+const FORGET: f64 = 0.9;
+/// Smallest change of an unknown, relative to the target gap and the scale of the image. Smaller changes
+/// are set to zero, larger ones are reduced by it.
+const THRESHOLD: f64 = 0.01;
+/// An innovation larger than usual by this factor is an event, for which a new map is computed.
+const EVENT: f64 = 1.5;
+/// Minimum number of iterations before the first evaluation.
+const FIRST: usize = 20;
+/// Iterations of a slow frame. From about here on evaluations are farther apart, each followed by a new
+/// map, and bounds are computed twice.
+const SLOW: usize = 50;
+/// Iterations after which the smoothing may keep the gap open; it is halved at each evaluation.
+const STUCK: usize = 120;
+/// Number of `f32` iterations after which a frame continues in `f64`.
+const GIVE_UP: usize = 400;
+/// Bounds of frames that are not linked: changes of the data dual, slack relative to the target gap, steps of a bound
+/// that keeps the data dual, and iterations between them as a share of all, because they cost as many as 25.
+const ROUNDS: usize = 6;
+const SLACK: f64 = 0.3;
+const PLAIN_FLOW_STEPS: usize = 50;
+const GROWTH: f64 = 0.15;
+/// Objective that is zero up to the accuracy of `f32`, in units where data and images have norm 1.
+const SMALLEST: f64 = 1e-7;
 
 /// Why the iteration stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum End {
+pub(super) enum End {
     Proven,
     Deadline,
     Cap,
@@ -96,200 +75,393 @@ pub(crate) enum End {
     Vanished,
 }
 
-/// The iteration in one floating-point type.
-#[derive(Debug, Clone)]
-pub(crate) struct Engine<T> {
-    pub(crate) fields: Fields<T>,
-    pub(crate) map: StepMap<T>,
-    pub(crate) proof: FlowFields<T>,
-    /// Flow of the best bound.
-    pub(crate) proven: [Vec<T>; 2],
-    /// Singular values and data of the head in this type, `[padded rank]`.
-    singular: Vec<T>,
-    beta: Vec<T>,
-    pub(crate) ranks: Vec<T>,
-    /// Dual of the data, `[row of F']`, and scratch, `[rank]`.
-    pub(crate) dual: Vec<f64>,
-    tail_dual: Vec<f64>,
-    pub(crate) columns: [Vec<f64>; 2],
-    multiplier: f64,
-    /// Duration of an evaluation, seconds.
-    look_seconds: f64,
+/// Limits of the iteration.
+#[derive(Debug, Clone, Copy)]
+struct Limits {
+    iterations: usize,
+    start: Instant,
+    /// Seconds after `start`.
+    deadline: f64,
+    /// Iterations after which the frame continues in `f64`.
+    give_up: usize,
+    /// Iterations before the first evaluation.
+    first_look: usize,
 }
 
-impl<T: Project> Engine<T> {
-    pub(crate) fn new(setting: &Setting<T>, constrained: bool) -> Self {
-        let ranks = vec![T::default(); setting.padded];
-        let column = vec![0.0; setting.padded];
-        let proof = FlowFields::new(setting);
+/// Best result of a frame so far, in internal units.
+#[derive(Debug, Clone)]
+pub(super) struct Record {
+    pub(super) iterations: usize,
+    pub(super) primal: f64,
+    pub(super) lower_bound: f64,
+    /// Change of the best image, over cells, and its coefficients `V' d`.
+    pub(super) change: Vec<f64>,
+    pub(super) coefficients: Vec<f64>,
+    /// `|F' c - t|` of the best image, including the unexplained part of the data.
+    pub(super) misfit: f64,
+    /// Scaled data dual of the best bound, its flow, and the scale.
+    pub(super) dual: Vec<f64>,
+    pub(super) flow: [Vec<f64>; 2],
+    pub(super) scale: f64,
+    /// Whether the best bound was computed in `f64`.
+    pub(super) is_double: bool,
+    /// Rounding error of the last bound, relative to the smallest radius of the change.
+    rounding: f64,
+    candidate: Candidate,
+    images: Vec<f64>,
+}
+
+impl Record {
+    pub(super) fn new(problem: &Problem<'_>) -> Self {
+        let candidate = Candidate::new(problem);
+        let groups = problem.skin.operators.groups;
         Self {
-            fields: Fields::new(setting),
-            map: StepMap::new(setting, constrained),
-            proven: proof.flow.clone(),
-            proof,
-            singular: ranks.clone(),
-            beta: ranks.clone(),
-            ranks,
-            dual: column.clone(),
-            tail_dual: column.clone(),
-            columns: [column.clone(), column],
-            multiplier: 0.0,
-            look_seconds: 0.0,
+            iterations: 0,
+            primal: f64::INFINITY,
+            lower_bound: f64::NEG_INFINITY,
+            change: candidate.change.clone(),
+            coefficients: candidate.coefficients.clone(),
+            misfit: 0.0,
+            dual: candidate.coefficients.clone(),
+            flow: std::array::from_fn(|_| vec![0.0; groups]),
+            scale: 0.0,
+            is_double: false,
+            rounding: 0.0,
+            images: candidate.images.clone(),
+            candidate,
         }
     }
 
-    /// Starts a frame with zero change and the previous duals.
-    pub(crate) fn begin(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
-        let Fields { change, fresh, anchor, room, .. } = &mut self.fields;
-        change.fill(T::default());
-        fresh.fill(T::default());
-        for &cell in &setting.places.cells {
-            let x = problem.anchor[cell];
-            anchor[cell] = T::from_f64(x);
-            if let Some([lower, upper]) = problem.bounds {
-                room[0][cell] = T::from_f64(lower - x);
-                room[1][cell] = T::from_f64(upper - x);
-            }
-        }
-        self.set_tail(setting, problem, None);
+    /// Resets the record for a new frame.
+    pub(super) fn clear(&mut self) {
+        self.iterations = 0;
+        (self.primal, self.lower_bound) = (f64::INFINITY, f64::NEG_INFINITY);
+        self.change.fill(0.0);
+        self.coefficients.fill(0.0);
+        self.dual.fill(0.0);
+        self.scale = 0.0;
+        self.is_double = false;
+        self.rounding = 0.0;
     }
 
-    /// Copies the state of another engine.
-    pub(crate) fn take<U: Float>(&mut self, other: &Fields<U>) {
-        let own = &mut self.fields;
-        let pairs = [
-            (&mut own.change, &other.change),
-            (&mut own.fresh, &other.fresh),
-            (&mut own.force, &other.force),
-        ];
-        let [first, second] = &mut own.flow;
-        let flows = [(first, &other.flow[0]), (second, &other.flow[1])];
-        for (own, other) in pairs.into_iter().chain(flows) {
-            for (own, other) in own.iter_mut().zip(other) {
-                *own = T::from_f64(other.to_f64());
-            }
+    fn gap(&self) -> f64 {
+        relative_gap(self.primal, self.lower_bound)
+    }
+
+    /// Stores the candidate if it is the best.
+    fn take(&mut self) {
+        let Self { candidate, change, coefficients, images, .. } = self;
+        if candidate.primal < self.primal {
+            self.primal = candidate.primal;
+            self.misfit = candidate.misfit[0];
+            change.copy_from_slice(&candidate.change);
+            coefficients.copy_from_slice(&candidate.coefficients);
+            images.copy_from_slice(&candidate.images);
+        }
+    }
+
+    fn take_proof<T: Project>(&mut self, bound: Bound, certificate: &Certificate<T>) {
+        self.rounding = bound.rounding;
+        if bound.value > self.lower_bound {
+            self.lower_bound = bound.value;
+            self.scale = bound.scale;
+            self.is_double = T::EPSILON == f64::EPSILON;
+            let rows = self.dual.iter_mut().zip(&certificate.dual);
+            rows.for_each(|(own, y)| *own = bound.scale * y);
+            certificate.flow_into(&mut self.flow);
+        }
+    }
+}
+
+/// The iteration in one floating-point type.
+#[derive(Debug, Clone)]
+struct Engine<T: Project> {
+    state: State<T>,
+    data: DataSteps<T>,
+    map: MapScratch<T>,
+    certificate: Certificate<T>,
+    column: Vec<f64>,
+    /// Duration of an evaluation, seconds.
+    look_seconds: f64,
+    /// Whether the next bound of a frame that is not linked keeps the data dual.
+    is_plain: bool,
+}
+
+/// Scale of the images, the largest value of anchor and innovation, and the factor on the step and smoothing.
+#[derive(Debug, Clone, Copy, Default)]
+struct Scale {
+    image: f64,
+    shown: f64,
+    step: f64,
+    smoothing: f64,
+}
+
+impl Scale {
+    /// Lowers the scale of the image and the smoothing to the limits given by an objective; the scale stays
+    /// at or above `shown`.
+    fn fit(&mut self, problem: &Problem<'_>, objective: f64) {
+        let edge = problem.lambda_space * problem.skin.operators.mean_radius;
+        let largest = SCALE * objective / edge;
+        let smoothing = SMOOTHING * problem.target_gap * largest;
+        if smoothing < self.smoothing && smoothing > 0.0 {
+            self.smoothing = smoothing;
+        }
+        self.image = self.image.min(largest.max(self.shown));
+    }
+}
+
+/// Engines in both floating-point types, and what a frame keeps for the next.
+#[derive(Debug, Clone)]
+pub(super) struct Frames {
+    single: Engine<f32>,
+    double: Engine<f64>,
+    scale: Scale,
+    /// Running mean of the innovation, iterations of the last two frames, frames since the last map and in all.
+    usual: f64,
+    recent: [usize; 2],
+    map_age: usize,
+    count: usize,
+}
+
+impl Frames {
+    pub(super) fn new(problem: &Problem<'_>, single: &Operators<f32>) -> Self {
+        Self {
+            single: Engine::new(problem, single),
+            double: Engine::new(problem, &problem.skin.operators),
+            scale: Scale::default(),
+            usual: 0.0,
+            recent: [0; 2],
+            map_age: MAP_EVERY,
+            count: 0,
         }
     }
 
     /// Sets the duals to zero.
-    pub(crate) fn clear(&mut self) {
-        self.fields.force.fill(T::default());
-        self.fields.flow.iter_mut().for_each(|q| q.fill(T::default()));
+    pub(super) fn clear(&mut self) {
+        self.single.state.clear();
+        self.double.state.clear();
     }
 
-    /// Multiplies the duals.
-    pub(crate) fn scale_duals(&mut self, factor: f64) {
-        let factor = T::from_f64(factor);
-        let [first, second] = &mut self.fields.flow;
-        for array in [first, second, &mut self.fields.force] {
-            array.iter_mut().for_each(|v| *v = *v * factor);
+    /// Changes the unit of the data to a larger one.
+    pub(super) fn grow(&mut self, factor: f64, is_penalised: bool) {
+        self.scale.image /= factor;
+        if is_penalised {
+            self.single.state.scale_duals(1.0 / factor);
+            self.double.state.scale_duals(1.0 / factor);
         }
     }
 
-    /// Returns whether the data step is split into head and tail.
-    fn is_split(problem: &Problem<'_>) -> bool {
-        problem.seen.is_whole && problem.ball.is_none()
-    }
-
-    /// Sets the force of the tail from `residual`, or from the residual at zero change.
-    fn set_tail(&mut self, setting: &Setting<T>, problem: &Problem<'_>, residual: Option<&[f64]>) {
-        let (head, rank) = (self.map.head.min(setting.padded), setting.rank);
-        if !Self::is_split(problem) || head >= rank {
-            self.fields.tail.fill(T::default());
-            return;
-        }
-        self.ranks.fill(T::default());
-        for k in head..rank {
-            let y = residual.map_or(-problem.beta[k], |residual| residual[k]);
-            self.tail_dual[k] = y;
-            self.ranks[k] = T::from_f64(problem.seen.transposed[k * (rank + 1)] * y);
-        }
-        let (z, out) = (&self.ranks, &mut self.fields.tail);
-        problem.arch.dispatch(Expand { setting, ranks: head..setting.padded, z, out });
-    }
-
-    /// Computes a new map at the start of a frame. Sets and returns the scale of the image, which falls at
-    /// most by the factor `keep`, unless the objective limits it further.
-    pub(crate) fn set_first_map(
+    /// Solves a frame; the record must belong to it alone.
+    pub(super) fn solve(
         &mut self,
-        setting: &Setting<T>,
-        problem: &mut Problem<'_>,
-        keep: f64,
-        most_primal: f64,
-    ) -> Result<f64, InverseError> {
-        self.innovation(setting, problem);
-        let Fields { work, anchor, .. } = &self.fields;
-        let mut most = 0.0_f64;
-        for &cell in &setting.places.cells {
-            most = most.max(anchor[cell].abs().to_f64()).max(work[cell].abs().to_f64());
+        problem: Problem<'_>,
+        ops: &Operators<f32>,
+        record: &mut Record,
+        settings: &CausalSettings,
+        is_stale: bool,
+        start: Instant,
+    ) -> Result<End, InverseError> {
+        self.count += 1;
+        let rows = problem.modes[0].rows;
+        let size = problem.beta(0)[..rows].iter().map(|b| b * b).sum::<f64>().sqrt();
+        let is_event = size > EVENT * self.usual || self.count <= 2;
+        let is_stale = is_stale || self.map_age >= MAP_EVERY || is_event;
+        self.map_age = if is_stale { 1 } else { self.map_age + 1 };
+        let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
+        self.usual = if self.count <= 2 { size } else { self.usual + step };
+        record.clear();
+        self.scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
+        self.scale.smoothing = SMOOTHING * problem.target_gap * self.scale.image;
+        let deadline = settings.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
+        let least = self.recent[0].min(self.recent[1]);
+        let mut limits = Limits {
+            iterations: settings.max_iterations,
+            start,
+            deadline,
+            give_up: GIVE_UP,
+            first_look: least.saturating_sub(4),
+        };
+        // the previous image is a candidate, often the best one without motion
+        record.candidate.change.fill(0.0);
+        record.candidate.evaluate::<f32>(&problem, None);
+        record.take();
+        if is_nothing(&problem, record) {
+            record.lower_bound = 0.0;
+            return Ok(End::Vanished);
         }
-        let scale = most.max(keep * problem.weights.image);
-        problem.weights.image = if scale > 0.0 { scale } else { 1.0 };
-        problem.weights.gamma = SMOOTHING * problem.target_gap * problem.weights.image;
+        if record.primal == 0.0 {
+            record.lower_bound = 0.0;
+            return Ok(End::Proven);
+        }
+        let is_single = problem.target_gap >= SINGLE_PRECISION_GAP;
+        let mut end = End::GaveUp;
+        let Self { single, double, scale, .. } = self;
+        let unchanged = record.primal;
+        if is_single {
+            single.begin(ops, &problem);
+            if is_stale {
+                single.set_first_map(ops, &problem, scale, unchanged)?;
+            } else {
+                single.data.assign(&problem, ops, &single.state)?;
+            }
+            let mut own = *scale;
+            end = single.run(ops, &problem, &mut own, record, &limits)?;
+        }
+        if end == End::GaveUp {
+            limits.give_up = usize::MAX;
+            let exact = &problem.skin.operators;
+            double.begin(exact, &problem);
+            let mut own = *scale;
+            if is_single {
+                double.state.take_iterate(&single.state);
+            }
+            double.set_first_map(exact, &problem, &mut own, unchanged)?;
+            if !is_single {
+                scale.image = own.image;
+            }
+            end = double.run(exact, &problem, &mut own, record, &limits)?;
+            if is_single {
+                single.state.take_duals(&double.state, 1.0);
+                // the map in the other type belongs to an earlier iterate
+                self.map_age = MAP_EVERY;
+            }
+        }
+        self.recent = [self.recent[1], record.iterations];
+        Ok(end)
+    }
+}
+
+/// Evaluates the zero image as a candidate, for a constrained frame that allows it.
+///
+/// For a skin at rest it is the optimum, which an iteration would only approach. If the best objective so far is zero up
+/// to rounding, the zero image is taken in any case, and the function returns true.
+fn is_nothing(problem: &Problem<'_>, record: &mut Record) -> bool {
+    let is_allowed = problem.bounds.is_none_or(|[lower, upper]| lower <= 0.0 && upper >= 0.0);
+    let square = problem.targets[0].values.iter().map(|t| t * t).sum::<f64>();
+    let Some(anchor) = problem.anchor.filter(|_| is_allowed) else { return false };
+    if problem.ball(0).is_none_or(|ball| square > ball) {
+        return false;
+    }
+    let is_nothing = record.primal <= SMALLEST;
+    if is_nothing {
+        record.primal = f64::INFINITY;
+    }
+    let pairs = record.candidate.change.iter_mut().zip(anchor.image);
+    pairs.for_each(|(d, x)| *d = -x);
+    record.candidate.evaluate::<f32>(problem, None);
+    record.take();
+    is_nothing
+}
+
+impl<T: Project> Engine<T> {
+    fn new(problem: &Problem<'_>, ops: &Operators<T>) -> Self {
+        let state = State::new(ops, problem);
+        Self {
+            data: DataSteps::new(problem, ops, 1),
+            map: MapScratch::new(&state),
+            certificate: Certificate::new(ops, &state, problem),
+            state,
+            column: vec![0.0; ops.padded],
+            look_seconds: 0.0,
+            is_plain: false,
+        }
+    }
+
+    /// Starts a frame with zero change and the previous duals.
+    fn begin(&mut self, ops: &Operators<T>, problem: &Problem<'_>) {
+        let Some(Anchor { image, .. }) = problem.anchor else { return };
+        self.state.set_origin(ops, image, problem.bounds);
+        self.state.start_at_origin();
+        self.data.set_beta(0, problem.beta(0).iter().copied());
+        self.data.set_tail(problem, ops, &mut self.state, None);
+    }
+
+    /// Computes a new map at the start of a frame. Sets the scale of the image, which falls at most by the factor
+    /// [`FORGET`], unless the objective limits it further.
+    fn set_first_map(
+        &mut self,
+        ops: &Operators<T>,
+        problem: &Problem<'_>,
+        scale: &mut Scale,
+        most_primal: f64,
+    ) -> Result<(), InverseError> {
+        self.innovation(ops, problem);
+        let State { work, origin, .. } = &self.state;
+        let largest = |values: &[T]| values.iter().fold(T::default(), |m, v| m.max(v.abs()));
+        let most = largest(work).max(largest(origin)).to_f64();
+        scale.image = most.max(FORGET * scale.image);
+        scale.image = if scale.image > 0.0 { scale.image } else { 1.0 };
+        scale.smoothing = SMOOTHING * problem.target_gap * scale.image;
         // the innovation of a constrained frame may be noise, which the image need not explain
-        problem.shown = if problem.ball.is_none() { most } else { 0.0 };
-        problem.fit_scale(most_primal);
+        scale.shown = if problem.delta.is_none() { most } else { 0.0 };
+        scale.fit(problem, most_primal);
         self.map.clear();
-        self.map.raise(&self.fields.work, 1.0);
-        self.map.raise_to_gradient(problem.arch, setting, &self.fields.anchor);
-        self.set_map(setting, problem)?;
-        self.set_tail(setting, problem, None);
-        Ok(problem.weights.image)
+        self.map.raise(work, 1.0);
+        self.map.take(origin.iter().copied());
+        self.map.raise_to_gradient(problem.skin.arch, ops, 1);
+        self.set_map(ops, problem, scale)?;
+        self.data.set_tail(problem, ops, &mut self.state, None);
+        Ok(())
     }
 
     /// Computes the linear image of the innovation, in `work`.
-    pub(crate) fn innovation(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
-        /// Ridge parameter, for a largest singular value of 1; it only affects step sizes.
-        const RIDGE: f64 = 1e-3;
-        let rank = setting.rank;
-        self.columns[0].fill(0.0);
-        for (f, beta) in problem.seen.transposed.chunks_exact(rank).zip(problem.beta) {
-            self.columns[0].iter_mut().zip(f).for_each(|(z, f)| *z += f * beta);
+    fn innovation(&mut self, ops: &Operators<T>, problem: &Problem<'_>) {
+        let (mode, rank) = (problem.mode(0), ops.rank);
+        mode.apply_transposed(&problem.beta(0)[..rank], &mut self.column[..rank]);
+        self.state.forces.fill(T::default());
+        for (k, s) in problem.skin.singular.iter().enumerate() {
+            self.state.forces[k] = T::from_f64(self.column[k] / (s * s + RIDGE));
         }
-        for k in 0..setting.padded {
-            let s = problem.exact.singular.get(k).copied().unwrap_or(0.0);
-            self.ranks[k] = T::from_f64(self.columns[0][k] / (s * s + RIDGE));
-        }
-        let (z, out) = (&self.ranks, &mut self.fields.work);
-        problem.arch.dispatch(Expand { setting, ranks: 0..setting.padded, z, out });
+        let State { forces: z, work: out, .. } = &mut self.state;
+        let ranks = 0..ops.padded;
+        problem.skin.arch.dispatch(Expand { ops, frames: 1, ranks, z, add: false, out });
     }
 
-    fn set_map(&mut self, setting: &Setting<T>, problem: &Problem<'_>) -> Result<(), InverseError> {
-        self.map.set(problem.arch, setting, &mut self.fields, problem.seen, problem.weights)
+    fn set_map(
+        &mut self,
+        ops: &Operators<T>,
+        problem: &Problem<'_>,
+        scale: &Scale,
+    ) -> Result<(), InverseError> {
+        let factor = scale.step * STEP * scale.image / (problem.lambda_space * ops.mean_radius);
+        self.map.set_tau(&mut self.state, ops, scale.image, FLOOR, factor);
+        step::set_even(problem.skin.arch, ops, &mut self.state);
+        self.data.set_map(problem, ops, &self.state)
     }
 
     /// Alternates rounds of iterations and evaluations.
-    pub(crate) fn run(
+    fn run(
         &mut self,
-        setting: &Setting<T>,
-        problem: &mut Problem<'_>,
+        ops: &Operators<T>,
+        problem: &Problem<'_>,
+        scale: &mut Scale,
         record: &mut Record,
         limits: &Limits,
     ) -> Result<End, InverseError> {
         let mut until = limits.first_look.clamp(FIRST, SLOW).max(record.iterations + FIRST);
         let seconds = || limits.start.elapsed().as_secs_f64();
+        let arch = problem.skin.arch;
         loop {
             let mut is_late = false;
+            let pace = Pace { smoothing: scale.smoothing, rho: RHO };
             while record.iterations < until && !is_late {
-                let count = CLOCK
-                    .min(until - record.iterations)
-                    .min(limits.iterations.saturating_sub(record.iterations).max(1));
-                self.iterate(setting, problem, count);
+                let left = limits.iterations.saturating_sub(record.iterations).max(1);
+                let count = CLOCK.min(until - record.iterations).min(left);
+                self.state.iterate(arch, ops, problem, &mut self.data, pace, count);
                 record.iterations += count;
                 is_late = seconds() + self.look_seconds >= limits.deadline
                     || record.iterations >= limits.iterations;
             }
             let before = seconds();
-            value(self, setting, problem, record);
-            let is_slow = record.iterations >= SLOW + 10;
-            for share in &[1.0, 0.3][..1 + usize::from(is_slow)] {
-                let proof: Proof = prove(self, setting, problem, record, *share);
-                record.take_proof(&proof, self);
-            }
+            self.look(ops, problem, scale, record);
             let look = seconds() - before;
             self.look_seconds = look.max(0.9 * self.look_seconds);
             if record.gap() <= problem.target_gap {
                 return Ok(End::Proven);
+            }
+            if record.primal <= SMALLEST && is_nothing(problem, record) {
+                record.lower_bound = 0.0;
+                return Ok(End::Vanished);
             }
             if record.iterations >= limits.iterations {
                 return Ok(End::Cap);
@@ -298,155 +470,91 @@ impl<T: Project> Engine<T> {
                 return Ok(End::Deadline);
             }
             let is_last = limits.give_up == usize::MAX;
-            if record.iterations >= limits.give_up
-                || (!is_last && record.is_blurred(problem.target_gap))
-            {
+            // rounding alone may take a large part of the target gap
+            let is_blurred = record.rounding > 0.3 * problem.target_gap;
+            if record.iterations >= limits.give_up || (!is_last && is_blurred) {
                 return Ok(End::GaveUp);
             }
-            until = record.iterations
-                + match record.iterations {
-                    0..60 => 4,
-                    60..200 => 10,
-                    _ => 25,
-                };
+            let between = match record.iterations {
+                0..60 => 4,
+                60..200 => 10,
+                _ => 25,
+            };
+            let growth = match problem.is_held() {
+                true => 0,
+                false => (GROWTH * record.iterations as f64) as usize,
+            };
+            until = record.iterations + between.max(growth);
             // the scale may come from an earlier image with larger values
-            problem.fit_scale(record.primal);
+            scale.fit(problem, record.primal);
             if record.iterations >= STUCK {
-                problem.weights.gamma *= 0.5;
+                scale.smoothing *= 0.5;
                 if problem.bounds.is_some() {
-                    problem.weights.step = (STEP_FALL * problem.weights.step).max(LEAST_STEP);
+                    scale.step = (STEP_FALL * scale.step).max(LEAST_STEP);
                 }
             }
             if record.iterations >= SLOW {
-                self.renew_map(setting, problem, record)?;
+                self.renew_map(ops, problem, scale, record)?;
             }
-            let residual = std::mem::take(&mut record.residual);
-            self.set_tail(setting, problem, Some(&residual));
-            record.residual = residual;
+            let residual = Some(record.candidate.residual.as_slice());
+            self.data.set_tail(problem, ops, &mut self.state, residual);
+        }
+    }
+
+    /// Evaluates the candidate and bounds; keeps the best of each.
+    fn look(
+        &mut self,
+        ops: &Operators<T>,
+        problem: &Problem<'_>,
+        scale: &Scale,
+        record: &mut Record,
+    ) {
+        let gap = problem.target_gap;
+        let threshold = if problem.is_held() { THRESHOLD * gap * scale.image } else { 0.0 };
+        record.candidate.take(problem, &self.state, threshold);
+        if T::HAS_SHORT && problem.delta.is_none() && gap >= LEAST_ROUNDED_GAP {
+            record.candidate.evaluate_rounded(problem, ops, &mut self.state.sums);
+        } else {
+            record.candidate.evaluate(problem, Some((&self.state, &self.data)));
+        }
+        record.take();
+        let is_slow = record.iterations >= SLOW + 10;
+        let efforts = match (problem.is_held(), self.is_plain) {
+            (true, _) => [1.0, 0.3].map(|share| Effort::anchored(share * gap)),
+            (false, true) => [Effort::plain(PLAIN_FLOW_STEPS, gap); 2],
+            (false, false) => {
+                let (slack, lean) = (SLACK * gap, LEAN * gap);
+                [Effort { rounds: ROUNDS, steps: FLOW_STEPS, slack, lean }; 2]
+            }
+        };
+        let count = if is_slow && problem.is_held() { 2 } else { 1 };
+        for effort in &efforts[..count] {
+            let Self { state, data, certificate, .. } = self;
+            let (images, size) = (record.images.as_slice(), scale.image);
+            let iterate = Iterate { ops, state, data, images, size };
+            let bound = certificate.bound(problem, iterate, *effort);
+            if bound.value <= record.lower_bound {
+                self.is_plain = !self.is_plain;
+            }
+            record.take_proof(bound, certificate);
         }
     }
 
     /// Replaces the stale map of a slow frame, based on the change so far.
     fn renew_map(
         &mut self,
-        setting: &Setting<T>,
+        ops: &Operators<T>,
         problem: &Problem<'_>,
+        scale: &Scale,
         record: &Record,
     ) -> Result<(), InverseError> {
+        let arch = problem.skin.arch;
         self.map.clear();
-        self.map.raise(&self.fields.fresh, 0.5);
-        self.map.raise_to_gradient(problem.arch, setting, &self.fields.anchor);
-        for &cell in &setting.places.cells {
-            self.fields.work[cell] = T::from_f64(problem.anchor[cell] + record.change[cell]);
-        }
-        self.map.raise_to_gradient(problem.arch, setting, &self.fields.work);
-        self.set_map(setting, problem)
-    }
-
-    fn iterate(&mut self, setting: &Setting<T>, problem: &Problem<'_>, count: usize) {
-        let (rank, rows) = (setting.rank, problem.seen.rows);
-        let Self { fields, map, singular, beta, columns, multiplier, .. } = self;
-        let data = if Self::is_split(problem) {
-            let head = map.head;
-            for k in 0..head {
-                let known = k < rank;
-                let value = if known { problem.seen.transposed[k * (rank + 1)] } else { 0.0 };
-                singular[k] = T::from_f64(value);
-                beta[k] = T::from_f64(if known { problem.beta[k] } else { 0.0 });
-            }
-            let inverse = &map.head_inverse[..head * head];
-            DataStep::Head { singular: &singular[..head], inverse, beta: &beta[..head], head }
-        } else {
-            let (transposed, back) = (&map.transposed[..rows * rank], &map.back[..rows * rank]);
-            match problem.ball {
-                None => DataStep::Dense { transposed, back, beta: &problem.beta[..rows] },
-                Some(square) => {
-                    // transformed once per round
-                    let turned = &mut self.dual[..rows];
-                    let vectors = map.vectors.chunks_exact(rows);
-                    for (out, vector) in turned.iter_mut().zip(vectors) {
-                        *out = super::iterate::dot(vector, &problem.beta[..rows]);
-                    }
-                    let values = &map.values[..rows];
-                    DataStep::Ball { transposed, back, beta: turned, values, square }
-                }
-            }
-        };
-        let [first, second] = columns;
-        let columns = Columns { first, second, multiplier };
-        let weights = problem.weights;
-        let (lambda_space, lambda_time) =
-            (T::from_f64(weights.lambda_space), T::from_f64(weights.lambda_time));
-        let bounded = problem.bounds.is_some();
-        let is_short = problem.target_gap >= LEAST_SHORT_GAP;
-        match &setting.basis {
-            Basis::Grid(differences) => problem.arch.dispatch(Iterate {
-                setting,
-                differences,
-                fields,
-                data,
-                columns,
-                lambda_space,
-                lambda_time,
-                bounded,
-                is_short,
-                count,
-            }),
-            Basis::Gathered(differences) => problem.arch.dispatch(Iterate {
-                setting,
-                differences: differences.as_ref(),
-                fields,
-                data,
-                columns,
-                lambda_space,
-                lambda_time,
-                bounded,
-                is_short,
-                count,
-            }),
-        }
-    }
-
-    /// Computes the data dual of the last iteration, `[row of F']`, in `dual`.
-    pub(crate) fn set_dual(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
-        use super::iterate::dot;
-        use crate::st_tv::ball;
-        let (rank, rows) = (setting.rank, problem.seen.rows);
-        let Self { fields, map, dual, tail_dual, columns, multiplier, .. } = self;
-        let [c, u] = columns;
-        for (c, own) in c.iter_mut().zip(&fields.coefficients).take(rank) {
-            *c = own.to_f64();
-        }
-        if Self::is_split(problem) {
-            let head = map.head;
-            let known = head.min(rank);
-            u[..head].fill(0.0);
-            for k in 0..known {
-                u[k] = problem.seen.transposed[k * (rank + 1)] * c[k] - problem.beta[k];
-            }
-            let (matrix, out) = (&map.inverse[..known * head], &mut dual[..known]);
-            problem.arch.dispatch(RowsTimes { matrix, x: &u[..head], out });
-            dual[known..rank].copy_from_slice(&tail_dual[known..rank]);
-            return;
-        }
-        let residual = problem.seen.transposed.chunks_exact(rank).zip(problem.beta);
-        for (u, (row, beta)) in u.iter_mut().zip(residual).take(rows) {
-            *u = dot(row, &c[..rank]) - beta;
-        }
-        match problem.ball {
-            None => {
-                for (y, row) in dual.iter_mut().zip(map.inverse.chunks_exact(rows)).take(rows) {
-                    *y = dot(row, &u[..rows]);
-                }
-            }
-            Some(_) => {
-                let vectors = || map.vectors.chunks_exact(rows).zip(&map.values).take(rows);
-                dual[..rows].fill(0.0);
-                for (vector, value) in vectors() {
-                    let turned = ball::dual(dot(vector, &u[..rows]), *value, *multiplier);
-                    dual.iter_mut().zip(vector).for_each(|(y, e)| *y += turned * e);
-                }
-            }
-        }
+        self.map.raise(&self.state.fresh, 0.5);
+        self.map.take(self.state.origin.iter().copied());
+        self.map.raise_to_gradient(arch, ops, 1);
+        self.map.take(record.images.iter().map(|x| T::from_f64(*x)));
+        self.map.raise_to_gradient(arch, ops, 1);
+        self.set_map(ops, problem, scale)
     }
 }

@@ -9,7 +9,7 @@
 //! share one set of reflections.
 
 use super::Compression;
-use crate::st_tv::kernel::dot;
+use crate::st_tv::dense::{dot, multiply};
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -61,13 +61,6 @@ impl Target {
     pub(crate) fn divide(&mut self, unit: f64) {
         self.values.iter_mut().chain(&mut self.rest).for_each(|b| *b /= unit);
         self.rest_squared /= unit * unit;
-    }
-
-    /// Removes all data.
-    pub(crate) fn clear(&mut self) {
-        self.values.fill(0.0);
-        self.rest.fill(0.0);
-        self.rest_squared = 0.0;
     }
 }
 
@@ -123,29 +116,6 @@ impl Seen {
         self.set_squares();
     }
 
-    /// Sets the operator of a frame without data.
-    pub(crate) fn clear(&mut self) {
-        self.good.fill(false);
-        self.channels.clear();
-        self.transposed.fill(0.0);
-        self.squares.fill(0.0);
-        (self.count, self.rows, self.is_whole) = (0, 0, false);
-    }
-
-    /// Copies another operator of the same compression. Does not allocate.
-    pub(crate) fn copy_from(&mut self, other: &Self) {
-        self.good.copy_from_slice(&other.good);
-        (self.count, self.rows, self.is_whole) = (other.count, other.rows, other.is_whole);
-        self.transposed.copy_from_slice(&other.transposed);
-        self.squares.copy_from_slice(&other.squares);
-        if !self.is_whole {
-            self.reflections.copy_from_slice(&other.reflections);
-            self.factors.copy_from_slice(&other.factors);
-        }
-        self.channels.clear();
-        self.channels.extend_from_slice(&other.channels);
-    }
-
     /// Computes `F' c`, padded with zeros.
     pub(crate) fn apply(&self, c: &[f64], out: &mut [f64]) {
         let rank = c.len();
@@ -156,9 +126,7 @@ impl Seen {
             return;
         }
         out.fill(0.0);
-        for (out, row) in out.iter_mut().zip(self.transposed.chunks_exact(rank)).take(self.rows) {
-            *out = dot(row, c);
-        }
+        multiply(&self.transposed[..self.rows * rank], c, &mut out[..self.rows]);
     }
 
     /// Computes `F y`.

@@ -1,8 +1,7 @@
 //! Constant images: the first candidate of a solve, and the optimum if the weights are large.
 
 use super::Run;
-use crate::st_tv::float::Float;
-use crate::st_tv::problem::DataTerm;
+use crate::st_tv::lanes::Project;
 
 /// Largest objective of images of one value a frame, relative to that of one value for all frames, from which
 /// the iteration starts. One row of the reference problem: 0.02, three rows 0.4, all rows 1.
@@ -11,12 +10,12 @@ const CONSTANTS_EXPLAIN: f64 = 0.2;
 /// Most trials of frame weights, so that one constant meets the constraints of all frames if one can.
 const WEIGHTINGS: usize = 50;
 
-impl<T: Float> Run<'_, T> {
+impl<T: Project> Run<'_, T> {
     /// Evaluates the best constant image, which is optimal if the weights are large, and computes a
     /// first lower bound.
     pub(super) fn try_constant(&mut self) {
         let task = self.task;
-        let parts = &task.solver.parts;
+        let parts = &task.solver.skin.parts;
         // one constant for all frames if they are linked, otherwise one per frame
         let count = if task.linked() { task.frames } else { 1 };
         let mut values = Vec::new();
@@ -34,22 +33,19 @@ impl<T: Float> Run<'_, T> {
             values.fill(own);
             self.keep_constants(&values);
         }
-        let rank = task.solver.rank();
-        let [rotated, column] = &mut self.columns;
+        let (rank, padded) = (task.solver.rank(), self.ops.padded);
+        let problem = self.problem();
+        let mut column = vec![0.0; rank];
         for (frame, values) in values.iter().enumerate() {
-            let (mode, target) =
-                (&task.data.modes[task.data.mode_of[frame]], &task.data.targets[frame]);
             column.fill(0.0);
             for (sensitivity, value) in parts.sensitivity.iter().zip(values) {
                 column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
             }
-            mode.apply(column, rotated);
-            let own = &mut self.evaluation.data_dual[frame * rank..][..rank];
-            let terms = rotated.iter().zip(&target.values);
-            own.iter_mut().zip(terms).for_each(|(y, (u, b))| *y = u - b);
+            let own = &mut self.certificate.dual[frame * padded..][..rank];
+            problem.mode(frame).apply(&column, own);
+            own.iter_mut().zip(problem.beta(frame)).for_each(|(y, b)| *y -= b);
         }
-        let (arch, problem) = (task.solver.arch, task.problem());
-        let bound = self.evaluation.lower_bound_of_constant(arch, &problem, &self.state);
+        let bound = self.certificate.bound_of_constants(&problem).value;
         let best = &mut self.progress.best;
         best.lower_bound = best.lower_bound.max(bound);
         if count > 1 {
@@ -62,15 +58,15 @@ impl<T: Float> Run<'_, T> {
     /// approximations*, 1961). Returns false if all constraints hold, if there are none, and if no constant
     /// can meet them all: usually at once, since the weighted residuals are then above the weighted constraints.
     fn weigh(&self, weights: &mut [f64]) -> bool {
-        let DataTerm::Constrained(delta) = self.task.problem().data_term else { return false };
-        let ratio = |frame: usize| self.evaluation.residual[frame] / delta[frame];
+        let Some(delta) = self.problem().delta else { return false };
+        let ratio = |frame: usize| self.candidate.misfit[frame] / delta[frame];
         let largest = (0..weights.len()).map(ratio).fold(0.0, f64::max);
         if !(largest > 1.0 && largest.is_finite()) {
             return false;
         }
         let [mut residual, mut allowed] = [0.0; 2];
         for (frame, weight) in weights.iter().enumerate() {
-            residual += weight * self.evaluation.residual[frame].powi(2);
+            residual += weight * self.candidate.misfit[frame].powi(2);
             allowed += weight * delta[frame].powi(2);
         }
         if residual > allowed {
@@ -90,29 +86,33 @@ impl<T: Float> Run<'_, T> {
         let frames = self.task.frames;
         let values: Vec<_> = (0..frames).map(|f| self.constant_values(f..f + 1, &[1.0])).collect();
         if self.keep_constants(&values) < CONSTANTS_EXPLAIN * common {
-            self.state.image.copy_from_slice(&self.state.candidate);
+            let changes = self.state.change.iter_mut().zip(&self.candidate.change);
+            changes.for_each(|(d, x)| *d = T::from_f64(*x));
             self.state.is_centred = true;
         }
     }
 
     /// Evaluates images of one value for each frame and part; returns the objective.
     fn keep_constants(&mut self, values: &[Vec<f64>]) -> f64 {
-        let (stride, frames) = (self.state.stride, self.task.frames);
-        for (p, &label) in self.task.solver.parts.label.iter().enumerate() {
-            let row = &mut self.state.candidate[p * stride..][..frames];
-            for (x, values) in row.iter_mut().zip(values) {
-                *x = T::from_f64(values[label as usize]);
-            }
+        let problem = self.problem();
+        let (places, label) = (&self.ops.places, &problem.skin.parts.label);
+        for (frame, values) in values.iter().enumerate() {
+            let own = &mut self.candidate.change[frame * places.length..][..places.length];
+            let cells = places.cells.iter().zip(label);
+            cells.for_each(|(&cell, &part)| own[cell] = values[part as usize]);
         }
-        self.keep_image()
+        self.candidate.evaluate::<T>(&problem, None);
+        self.progress.best.take(&self.candidate);
+        self.candidate.primal
     }
 
     /// Returns the least-squares value of each connected part with a weight for each frame, by sweeps over the
     /// parts; a single part, the usual case, needs one sweep.
-    fn constant_values(&mut self, range: std::ops::Range<usize>, weights: &[f64]) -> Vec<f64> {
+    fn constant_values(&self, range: std::ops::Range<usize>, weights: &[f64]) -> Vec<f64> {
         let task = self.task;
-        let parts = &task.solver.parts;
+        let parts = &task.solver.skin.parts;
         let mut values = vec![0.0; parts.sizes.len()];
+        let [mut own, mut all] = [vec![0.0; task.solver.rank()], vec![0.0; task.solver.rank()]];
         let sweeps = if values.len() == 1 { 1 } else { 50 };
         for _ in 0..sweeps {
             for part in 0..values.len() {
@@ -121,13 +121,12 @@ impl<T: Float> Run<'_, T> {
                 let modes = &task.data.mode_of[range.clone()];
                 for ((target, &mode), weight) in targets.iter().zip(modes).zip(weights) {
                     let mode = &task.data.modes[mode];
-                    let [own, all] = &mut self.columns;
                     own.fill(0.0);
                     for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
                         own.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
                     }
-                    mode.apply(own, all);
-                    mode.apply(&parts.sensitivity[part], own);
+                    mode.apply(&own, &mut all);
+                    mode.apply(&parts.sensitivity[part], &mut own);
                     for ((own, all), b) in own.iter().zip(all.iter()).zip(&target.values) {
                         along += weight * own * (b - all);
                         power += weight * own.powi(2);

@@ -2,8 +2,7 @@
 
 use super::Run;
 use crate::InverseError;
-use crate::st_tv::float::Float;
-use crate::st_tv::problem::DataTerm;
+use crate::st_tv::lanes::Project;
 use crate::st_tv::reach::least_residual;
 use faer::Mat;
 
@@ -12,25 +11,22 @@ const FRAMES: usize = 2;
 /// Relative excess of a residual over its constraint that is no rounding error.
 const EXCESS: f64 = 1e-6;
 
-impl<T: Float> Run<'_, T> {
+impl<T: Project> Run<'_, T> {
     /// Checks the frames whose images are furthest from their constraints, after 300 iterations without an image that
     /// meets all, and again after twice as many.
     pub(super) fn check_reachable(&mut self) -> Result<(), InverseError> {
-        let (task, problem) = (self.task, self.task.problem());
-        let (DataTerm::Constrained(delta), Some(bounds)) = (problem.data_term, problem.bounds)
-        else {
-            return Ok(());
-        };
+        let (task, problem) = (self.task, self.problem());
+        let (Some(delta), Some(bounds)) = (problem.delta, problem.bounds) else { return Ok(()) };
         if self.done < self.next_check {
             return Ok(());
         }
         self.next_check = 2 * self.done;
-        let ratio = |frame: usize| self.evaluation.residual[frame] / delta[frame];
+        let ratio = |frame: usize| self.candidate.misfit[frame] / delta[frame];
         let mut frames: Vec<usize> =
             (0..task.frames).filter(|&f| ratio(f) > 1.0 + EXCESS).collect();
         frames.sort_by(|&f, &g| ratio(g).total_cmp(&ratio(f)));
         for frame in frames.into_iter().take(FRAMES) {
-            let mode = &problem.modes[problem.mode_of[frame]];
+            let mode = problem.mode(frame);
             let target = &problem.targets[frame];
             let rank = task.solver.rank();
             let seen = Mat::from_fn(mode.rows, rank, |i, k| mode.transposed[i * rank + k]);

@@ -1,14 +1,18 @@
 //! Iterations of a run, and the steps that they take.
 
-use super::super::certificate::LARGEST_WEIGHT;
-use super::super::float::Float;
-use super::super::schedule::{CLOCK, MEASURE_AT, SMOOTHING};
-use super::super::state::Weights;
-use super::super::step::{self, MapSize};
-use super::super::travel::Travel;
+use super::super::iterate::Pace;
+use super::super::lanes::Project;
+use super::super::schedule::{CLOCK, SMOOTHING};
+use super::super::step::{self, MapSize, Travel};
 use super::{Limits, Run};
 use crate::InverseError;
 
+/// Over-relaxation factor.
+const RHO: f64 = 1.9;
+/// Most iterations between two evaluations, at which the force of the tail is updated.
+const REFRESH: usize = 32;
+/// Iterations at which the uniform step is updated, before the first step map.
+const MEASURE_AT: [usize; 2] = [8, 16];
 /// Iterations at which a step map is computed, and the factor between later ones.
 pub(super) const MAP_AT: [usize; 3] = [24, 64, 150];
 const MAP_GROWTH: f64 = 2.0;
@@ -29,19 +33,27 @@ const ROUNDING: f64 = 1e-2;
 /// Number of iterations after which the least step of the map grows in proportion to the iterations:
 /// errors where the image is flat are the last to vanish, and small steps keep them.
 const FLAT_FROM: f64 = 300.0;
+/// Reduction of the radii of data constraints, relative to the target gap.
+const MARGIN: f64 = 0.05;
 /// Number of iterations after which the smoothing decreases, so that it vanishes if the gap takes long to reach.
 const SMOOTH: f64 = 400.0;
 
-impl<T: Float> Run<'_, T> {
+impl<T: Project> Run<'_, T> {
     /// Iterates until `self.done` is `until`; returns true if a limit was reached first.
     pub(super) fn improve(&mut self, until: usize, limits: Limits) -> Result<bool, InverseError> {
         while self.done < until {
+            if self.done >= self.evaluated + REFRESH {
+                self.keep_image(false);
+            }
             self.set_steps()?;
-            let clock = self.done.is_multiple_of(CLOCK);
-            let late = clock && self.progress.start.elapsed().as_secs_f64() >= limits.seconds;
-            let ended = late || self.done + 1 >= limits.iterations;
-            self.iterate(ended || self.done + 1 == until);
-            if ended {
+            let events =
+                MEASURE_AT.iter().copied().chain([self.next_map, until, limits.iterations]);
+            let event = events.filter(|&at| at > self.done).min().unwrap_or(until);
+            let clock = (self.done + 1).next_multiple_of(CLOCK);
+            let next = if limits.seconds.is_finite() { clock.min(event) } else { event };
+            self.iterate(next.min(self.evaluated + REFRESH) - self.done);
+            let late = self.progress.start.elapsed().as_secs_f64() >= limits.seconds;
+            if late || self.done >= limits.iterations {
                 return Ok(true);
             }
         }
@@ -65,46 +77,53 @@ impl<T: Float> Run<'_, T> {
             share: SHARE * self.boost,
             floor: step::FLOOR * (self.done as f64 / FLAT_FROM).max(1.0),
         };
-        if step::set_map(self.ops, &mut self.state, &mut self.map, steps) {
+        let arch = self.task.solver.skin.arch;
+        if step::set_map(arch, self.ops, &mut self.state, &mut self.map, steps) {
             self.mapped = true;
-            let size = self.state.image.iter().fold(0.0_f64, |most, x| most.max(x.to_f64().abs()));
             let fading = (SMOOTH / self.done as f64).powi(2).min(1.0);
-            self.smoothing = SMOOTHING * self.target_gap * size * fading;
+            self.smoothing = SMOOTHING * self.target_gap * self.state.size() * fading;
             // an infeasible image's error still exceeds the margin
-            self.data.fading = if self.is_feasible { fading } else { 1.0 };
+            let fading = if self.is_feasible { fading } else { 1.0 };
+            self.data.margin = self.margin() * fading;
             self.set_data()?;
         }
         Ok(())
     }
 
+    /// Returns the reduction of the radii of data constraints: none without bounds.
+    pub(super) fn margin(&self) -> f64 {
+        if self.task.bounds.is_some() { MARGIN * self.target_gap.min(1.0) } else { 0.0 }
+    }
+
     /// Returns the step of a problem without any duals: nothing but the rounding of the data step limits it.
     pub(super) fn free_step(&self) -> Option<f64> {
-        let state = &self.state;
-        let duals = [&state.dual, &state.time_dual, &state.bound_dual];
-        let strongest = self.task.problem().singular.first()?;
-        let is_free = duals.iter().all(|dual| dual.is_empty());
+        let strongest = self.task.solver.skin.singular.first()?;
+        let is_free = self.ops.norm_squared == 0.0
+            && self.state.links.is_empty()
+            && self.state.force.is_empty();
         is_free.then_some(ROUNDING / T::EPSILON / strongest.powi(2))
     }
 
     pub(super) fn set_uniform(&mut self, tau: f64) -> Result<(), InverseError> {
-        step::set_uniform(self.ops, &mut self.state, tau);
+        step::set_uniform(self.task.solver.skin.arch, self.ops, &mut self.state, tau);
         self.set_data()
     }
 
     /// Recomputes the data steps for the current step map.
     pub(super) fn set_data(&mut self) -> Result<(), InverseError> {
-        let Self { task, ops, data, state, .. } = self;
-        state.disturb();
-        data.set_map(task.solver.arch, &task.problem(), ops, state)
+        let problem = self.problem();
+        let Self { ops, data, state, .. } = self;
+        data.set_map(&problem, ops, state)?;
+        data.set_tail(&problem, ops, state, None);
+        Ok(())
     }
 
     /// Increases the steps if the image travels further than the duals, and decreases them in the opposite case.
     pub(super) fn balance(&mut self) {
-        let Some(travel) = &mut self.travel else {
-            self.travel = Some(Travel::from(&self.state));
-            return;
-        };
-        let ratio = travel.ratio(self.ops, &self.state);
+        let now = Travel::from(&self.state);
+        let before = self.travel.replace(now);
+        let (Some(before), Some(now)) = (before, &self.travel) else { return };
+        let ratio = now.ratio(&before, &self.state);
         let factor = ratio.sqrt().clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
         if (1.0 / LEAST_CHANGE..LEAST_CHANGE).contains(&factor) {
             return;
@@ -117,16 +136,12 @@ impl<T: Float> Run<'_, T> {
         }
     }
 
-    /// Performs one iteration.
-    fn iterate(&mut self, keep: bool) {
+    /// Performs iterations; the last one's images are the candidate.
+    fn iterate(&mut self, count: usize) {
+        let problem = self.problem();
+        let pace = Pace { smoothing: self.smoothing, rho: RHO };
         let Self { task, ops, state, data, .. } = self;
-        let weights = Weights {
-            lambda_space: task.lambda_space.min(LARGEST_WEIGHT),
-            lambda_time: task.lambda_time.min(LARGEST_WEIGHT),
-            bounds: task.bounds,
-            smoothing: self.smoothing,
-        };
-        state.iterate(task.solver.arch, ops, &weights, data, keep);
-        self.done += 1;
+        state.iterate(task.solver.skin.arch, ops, &problem, data, pace, count);
+        self.done += count;
     }
 }

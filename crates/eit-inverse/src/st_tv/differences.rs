@@ -1,4 +1,4 @@
-//! Memory layout of the unknowns and of the gradient's groups, and the gradient in that layout.
+//! Memory layout of the unknowns of a frame and of the gradient's groups, and the gradient in that layout.
 //!
 //! A raster keeps its grid, with padding around it, so that neighbours are whole lanes at a fixed
 //! distance. Cells outside the mask stay zero, since their steps are zero. On any other basis the
@@ -6,10 +6,39 @@
 //!
 //! Over 300 lines because both layouts implement the same operations and are best read side by side.
 
+use super::float::Float;
+use super::gradient::Gradient;
 use super::lanes::{LANES, Lane, PANEL, each, load, splat};
-use crate::st_tv::float::Float;
-use crate::st_tv::gradient::Gradient;
-use crate::st_tv::operators::Operators;
+
+/// Rows of the gradient, divided by the size of their group: the problem is unchanged if the radii of the dual balls
+/// are multiplied by it, but one step size then suits groups of every size, so that graded meshes converge as fast
+/// as pixels.
+pub(crate) struct ScaledRows {
+    /// Number of rows of a group, 1 or 2.
+    pub(crate) components: usize,
+    /// Columns and values, `[row]`.
+    pub(crate) rows: Vec<Vec<(u32, f64)>>,
+    /// Half the largest sum of absolute values of a row of the group, 1 for plain differences of pixels, `[group]`.
+    pub(crate) sizes: Vec<f64>,
+}
+
+impl ScaledRows {
+    pub(crate) fn new(gradient: &Gradient) -> Self {
+        let components = gradient.components();
+        let (mut rows, mut sizes) = (Vec::new(), Vec::new());
+        for group in 0..gradient.groups() {
+            let own = group * components..(group + 1) * components;
+            let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
+            let size = own.clone().map(half).fold(0.0, f64::max);
+            rows.extend(own.map(|r| {
+                let (columns, values) = gradient.row(r);
+                columns.iter().zip(values).map(|(&c, v)| (c, v / size)).collect()
+            }));
+            sizes.push(size);
+        }
+        Self { components, rows, sizes }
+    }
+}
 
 /// Memory layout of the unknowns.
 #[derive(Debug, Clone)]
@@ -22,12 +51,12 @@ pub(crate) struct Places {
     pub(crate) length: usize,
 }
 
-/// Gradient on lanes of cells. Rows are scaled and groups have radii as in [`Operators`].
+/// Gradient on lanes of cells. Rows are scaled and groups have radii as in [`ScaledRows`].
 pub(crate) trait Differences<T: Float> {
     /// Returns the first positions of the blocks of groups.
     fn group_blocks(&self) -> &[usize];
     /// Computes `D' q` on the block of cells with this index and first cell.
-    fn adjoint(&self, q: &[Vec<T>; 2], block: usize, at: usize) -> Lane<T>;
+    fn adjoint(&self, q: [&[T]; 2], block: usize, at: usize) -> Lane<T>;
     /// Computes both components of `D x` on the block of groups at `at`.
     fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2];
     /// Returns the radii of the block of groups at `at`.
@@ -85,14 +114,14 @@ pub(crate) enum Basis<T> {
 }
 
 impl<T: Float> Basis<T> {
-    pub(crate) fn new(gradient: &Gradient, ops: &Operators<T>) -> (Self, Places) {
+    pub(crate) fn new(gradient: &Gradient, rows: &ScaledRows) -> (Self, Places) {
         match gradient.raster() {
             Some(raster) => {
                 let (grid, places) = Grid::new(raster.width, &raster.cells, raster.pixel_m);
                 (Self::Grid(grid), places)
             }
             None => {
-                let (gathered, places) = Gathered::new(ops);
+                let (gathered, places) = Gathered::new(gradient, rows);
                 (Self::Gathered(Box::new(gathered)), places)
             }
         }
@@ -106,33 +135,41 @@ impl<T: Float> Basis<T> {
         }
     }
 
-    /// Returns the position of each of the caller's groups. The caller's dual is `q / size` with the dual
-    /// `q` at that position and the size of the group.
-    pub(crate) fn group_places(
-        &self,
-        gradient: &Gradient,
-        ops: &Operators<T>,
-        places: &Places,
-    ) -> Vec<usize> {
-        let mut out = vec![0; gradient.groups()];
-        match self {
-            Self::Grid(_) => {
-                for (group, out) in out.iter_mut().enumerate() {
-                    let rows = [2 * group, 2 * group + 1].map(|row| gradient.row(row).0.first());
-                    if let [Some(&pixel), _] | [None, Some(&pixel)] = rows {
-                        *out = places.cells[pixel as usize];
-                    }
-                }
-            }
-            Self::Gathered(_) => {
-                for (place, &group) in ops.order.iter().enumerate() {
-                    out[group as usize] = place;
-                }
-            }
+    /// Returns the position of one of the caller's groups. The caller's dual is `q / size` with the dual `q` at that
+    /// position and the size of the group.
+    pub(crate) fn group_place(&self, gradient: &Gradient, places: &Places, group: usize) -> usize {
+        if let Self::Gathered(_) = self {
+            return group;
         }
-        out
+        let rows = [2 * group, 2 * group + 1].map(|row| gradient.row(row).0.first());
+        let pixel = rows[0].or(rows[1]).map_or(0, |&pixel| pixel as usize);
+        places.cells[pixel]
     }
 }
+
+impl<T: Float> Basis<T> {
+    /// Returns the size of the group at a position.
+    pub(crate) fn group_size(&self, place: usize) -> f64 {
+        match self {
+            Self::Grid(grid) => grid.radius.to_f64(),
+            Self::Gathered(gathered) => gathered.radius[place].to_f64(),
+        }
+    }
+}
+
+/// Runs a kernel for the gradient of either layout: `for_basis!(arch, basis, |differences| kernel)`.
+macro_rules! for_basis {
+    ($arch:expr, $basis:expr, |$differences:ident| $kernel:expr) => {
+        match &$basis {
+            $crate::st_tv::differences::Basis::Grid($differences) => $arch.dispatch($kernel),
+            $crate::st_tv::differences::Basis::Gathered(own) => {
+                let $differences = own.as_ref();
+                $arch.dispatch($kernel)
+            }
+        }
+    };
+}
+pub(crate) use for_basis;
 
 impl<T: Float> Grid<T> {
     fn new(width: usize, pixels: &[usize], pixel_m: f64) -> (Self, Places) {
@@ -175,9 +212,9 @@ impl<T: Float> Differences<T> for Grid<T> {
     }
 
     #[inline(always)]
-    fn adjoint(&self, q: &[Vec<T>; 2], _: usize, at: usize) -> Lane<T> {
-        let (left, here) = (load(&q[0], at - 1), load(&q[0], at));
-        let (above, below) = (load(&q[1], at - self.width), load(&q[1], at));
+    fn adjoint(&self, q: [&[T]; 2], _: usize, at: usize) -> Lane<T> {
+        let (left, here) = (load(q[0], at - 1), load(q[0], at));
+        let (above, below) = (load(q[1], at - self.width), load(q[1], at));
         each(|l| (left[l] - here[l]) + (above[l] - below[l]))
     }
 
@@ -215,29 +252,43 @@ impl<T: Float> Differences<T> for Grid<T> {
 }
 
 impl<T: Float> Gathered<T> {
-    fn new(ops: &Operators<T>) -> (Self, Places) {
+    fn new(gradient: &Gradient, scaled: &ScaledRows) -> (Self, Places) {
         let (zero, one) = (T::default(), T::from_f64(1.0));
-        let length = ops.unknowns.next_multiple_of(PANEL);
-        let groups = ops.groups.len().next_multiple_of(LANES);
+        let length = gradient.unknowns().next_multiple_of(PANEL);
+        let groups = scaled.sizes.len().next_multiple_of(LANES);
         let mut unknowns: [Vec<u32>; 3] = std::array::from_fn(|_| vec![0; groups]);
         let mut weights: [[Vec<T>; 3]; 2] =
             std::array::from_fn(|_| std::array::from_fn(|_| vec![zero; groups]));
         let mut radius = vec![one; groups];
         // entries of D' for each cell: group and weights
         let mut columns: Vec<Vec<(u32, [T; 2])>> = vec![Vec::new(); length];
-        for (g, group) in ops.groups.iter().enumerate() {
-            radius[g] = ops.radius[g];
+        for (g, rows) in scaled.rows.chunks(scaled.components).enumerate() {
+            radius[g] = T::from_f64(scaled.sizes[g]);
+            let mut own: Vec<(u32, [f64; 2])> = Vec::new();
+            for (component, row) in rows.iter().enumerate() {
+                for &(unknown, value) in row {
+                    let place = own.iter().position(|o| o.0 == unknown).unwrap_or(own.len());
+                    if place == own.len() {
+                        own.push((unknown, [0.0; 2]));
+                    }
+                    own[place].1[component] = value;
+                }
+            }
             for place in 0..3 {
-                unknowns[place][g] = group.unknowns[place];
-                let own = [group.weights[0][place], group.weights[1][place]];
-                (weights[0][place][g], weights[1][place][g]) = (own[0], own[1]);
-                if own != [zero; 2] {
-                    columns[group.unknowns[place] as usize].push((g as u32, own));
+                // unused places repeat the first unknown with weight 0
+                let first = own.first().map_or(0, |o| o.0);
+                let (unknown, values) = own.get(place).copied().unwrap_or((first, [0.0; 2]));
+                let values = values.map(T::from_f64);
+                unknowns[place][g] = unknown;
+                (weights[0][place][g], weights[1][place][g]) = (values[0], values[1]);
+                if values != [zero; 2] {
+                    columns[unknown as usize].push((g as u32, values));
                 }
             }
         }
         let mut time_radius = vec![one; length];
-        time_radius[..ops.unknowns].copy_from_slice(&ops.time_radius);
+        let areas = time_radius.iter_mut().zip(gradient.areas_m2());
+        areas.for_each(|(radius, area)| *radius = T::from_f64(*area));
         let blocks: Vec<usize> = (0..length).step_by(LANES).collect();
         let (mut starts, mut entries) = (vec![0], Vec::new());
         for &first in &blocks {
@@ -258,7 +309,7 @@ impl<T: Float> Gathered<T> {
             starts.push(entries.len() as u32);
         }
         let group_blocks = (0..groups).step_by(LANES).collect();
-        let cells = (0..ops.unknowns).collect();
+        let cells = (0..gradient.unknowns()).collect();
         let this = Self { group_blocks, unknowns, weights, radius, time_radius, starts, entries };
         (this, Places { blocks, cells, length })
     }
@@ -286,11 +337,11 @@ impl<T: Float> Differences<T> for Gathered<T> {
     }
 
     #[inline(always)]
-    fn adjoint(&self, q: &[Vec<T>; 2], block: usize, _: usize) -> Lane<T> {
+    fn adjoint(&self, q: [&[T]; 2], block: usize, _: usize) -> Lane<T> {
         let mut sum = [T::default(); LANES];
         for entry in self.own(block) {
-            let first = Self::gather(&q[0], &entry.group);
-            let second = Self::gather(&q[1], &entry.group);
+            let first = Self::gather(q[0], &entry.group);
+            let second = Self::gather(q[1], &entry.group);
             let [a, b] = &entry.weight;
             sum = each(|l| a[l].mul_add(first[l], b[l].mul_add(second[l], sum[l])));
         }
