@@ -7,15 +7,19 @@
 //! | `causal` | [`CausalStream`]: frames as they come; the solution of one |
 //! | `weights`, `quiet`, `settings`, `gradient` | weights from the noise; frames of noise; user input |
 //! | `problem`, `data` | the problem; data compressed to the row space of the Jacobian |
-//! | `iterate`, `state`, `fit`, `step`, `chain` | iteration; iterate; exact data step; step sizes; exact steps in time |
+//! | `iterate`, `state`, `fit`, `chain` | iteration; iterate; exact data step; exact steps in time |
+//! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
 //! | `value` | candidate images and their objective |
-//! | `certificate`, `flow`, `repair` | lower bound; search for nearly feasible duals; exact balance without an anchor |
+//! | `certificate`, `bound`, `flow` | lower bound; its value; search for nearly feasible duals |
+//! | `anchored`, `repair` | its end with an anchor, whose dual takes the rest; exact balance without one |
 //! | `reach` | smallest residual of images within bounds, where no image meets the constraints |
-//! | `operators`, `differences`, `lanes` | basis and gradient in the layout of cells; inner loops |
+//! | `operators`, `differences`, `lanes`, `products` | basis and gradient in the layout of cells; inner loops; products |
 //! | `laplacian`, `dense`, `ball`, `float`, `schedule` | sparse factor, small matrices, prox of a ball, `f32` or `f64`, shared numbers |
 
+mod anchored;
 mod ball;
 mod batch;
+mod bound;
 mod causal;
 mod certificate;
 mod chain;
@@ -31,6 +35,7 @@ mod lanes;
 mod laplacian;
 mod operators;
 mod problem;
+mod products;
 mod quiet;
 mod reach;
 mod repair;
@@ -41,6 +46,7 @@ mod solve;
 mod state;
 mod step;
 mod task;
+mod travel;
 mod value;
 mod weights;
 

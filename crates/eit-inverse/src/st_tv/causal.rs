@@ -1,18 +1,22 @@
 //! Causal stream: all events of a running instrument, around the solution of one frame.
+//!
+//! Over 400 lines because all events act on one image and its unit.
 
 mod frame;
+mod record;
 mod settings;
 
 use super::StTv;
 use super::data::{Seen, Target};
-use super::iterate::Analyse;
 use super::lanes::{LANES, Lane};
 use super::problem::{Anchor, Problem};
+use super::products::Analyse;
 use super::quiet::quiet_threshold;
 use super::settings::{Fidelity, StTvSettings};
 use crate::check::{check_length, check_range};
 use crate::{Certificate, InverseError, SequenceStatus};
-use frame::{End, Frames, Record};
+use frame::{End, Frames};
+use record::Record;
 pub use settings::{CausalDual, CausalSettings, CausalStep};
 use std::slice::from_ref;
 use std::time::Instant;
@@ -62,6 +66,8 @@ pub struct CausalStream {
     coefficients: Vec<f64>,
     beta: Vec<f64>,
     whitened: Vec<f64>,
+    /// `V'` times the change of a frame.
+    moved: Vec<f64>,
     sums: Vec<Lane<f64>>,
     /// The last frame as pushed, for a change of reference; NaN in unused and masked channels.
     raw: Vec<f64>,
@@ -70,8 +76,6 @@ pub struct CausalStream {
     before: Vec<f64>,
     /// Norm of the data that corresponds to 1 internally; 0 before the first data.
     scale: f64,
-    /// Whether a new step map is needed.
-    is_stale: bool,
     pushed: usize,
     quiet_frames: usize,
 }
@@ -97,12 +101,12 @@ impl CausalStream {
             delta: 0.0,
             coefficients: zeros(rank),
             whitened: zeros(measurements),
+            moved: zeros(rank),
             sums: vec![[0.0; LANES]; rank],
             raw: vec![f64::NAN; measurements],
             image: zeros(solver.unknowns()),
             before: zeros(solver.unknowns()),
             scale: 0.0,
-            is_stale: true,
             pushed: 0,
             quiet_frames: 0,
             seen,
@@ -200,7 +204,7 @@ impl CausalStream {
         let is_new = !self.seen.fits(&self.solver.compression, is_good);
         if is_new {
             self.seen.set(&self.solver.compression, is_good);
-            self.is_stale = true;
+            self.frames.renew_map();
         }
         if self.seen.count == 0 {
             return Ok(self.push_dropped());
@@ -218,12 +222,8 @@ impl CausalStream {
         let Self { solver, settings, seen, target, delta, anchor, beta, .. } = self;
         let one = if self.scale > 0.0 { self.scale } else { 1.0 };
         let problem = problem(solver, settings, (seen, target, delta), (anchor, beta), one);
-        let is_stale = std::mem::take(&mut self.is_stale);
         let (record, single) = (&mut self.record, &solver.single);
-        let end = self.frames.solve(problem, single, record, settings, is_stale, start)?;
-        if end == End::Vanished || end == End::GaveUp {
-            self.is_stale = true;
-        }
+        let end = self.frames.solve(problem, single, record, settings, start)?;
         self.report(end);
         Ok(self.step(end, start))
     }
@@ -353,7 +353,7 @@ impl CausalStream {
             self.anchor[cell] = x * per_image;
         }
         self.renew_coefficients();
-        self.is_stale = true;
+        self.frames.renew_map();
     }
 
     fn renew_coefficients(&mut self) {
@@ -434,10 +434,10 @@ impl CausalStream {
             return self.renew_coefficients();
         }
         let ops = &self.solver.skin.operators;
-        let (x, out) = (self.record.change.as_slice(), &mut self.record.coefficients);
+        let (x, out) = (self.record.change.as_slice(), &mut self.moved);
         let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums: &mut self.sums, out };
         self.solver.skin.arch.dispatch(analyse);
-        let changes = self.coefficients.iter_mut().zip(&self.record.coefficients);
+        let changes = self.coefficients.iter_mut().zip(&self.moved);
         changes.for_each(|(c, d)| *c += d);
     }
 

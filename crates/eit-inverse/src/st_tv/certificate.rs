@@ -23,16 +23,17 @@
 //! (Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., 3.1), and that bound is added
 //! to every `|r|`. Without an anchor all final values are in `f64`, up to about 1e-13 of the objective.
 
-use super::differences::{Differences, for_basis};
+use super::anchored::Best;
+use super::bound::Bound;
+use super::differences::for_basis;
 use super::fit::DataSteps;
 use super::flow::{Boxes, Flow};
 use super::iterate::LARGEST_WEIGHT;
-use super::lanes::{LANES, Lane, Project, each, largest, load, splat, total};
+use super::lanes::{LANES, Project};
 use super::operators::Operators;
-use super::problem::{Anchor, Problem};
+use super::problem::Problem;
 use super::repair::Repair;
 use super::state::State;
-use pulp::{Simd, WithSimd};
 
 /// Steps of the flow search of an anchored frame, and how many of them are shifted.
 const STEPS: usize = 40;
@@ -78,15 +79,6 @@ impl Effort {
     pub(crate) fn anchored(slack: f64) -> Self {
         Self { rounds: 0, steps: STEPS, lean: 1.0, slack }
     }
-}
-
-/// A lower bound and the scale of its duals.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Bound {
-    pub(crate) value: f64,
-    pub(crate) scale: f64,
-    /// Rounding error relative to the smallest radius of the anchor.
-    pub(crate) rounding: f64,
 }
 
 /// Memory for bounds.
@@ -198,7 +190,7 @@ impl<T: Project> Certificate<T> {
     pub(crate) fn flow_into(&self, out: &mut [Vec<f64>; 2]) {
         for (component, out) in out.iter_mut().enumerate() {
             match &self.repair {
-                Some(repair) => out.copy_from_slice(&repair.flow[component]),
+                Some(repair) => out.copy_from_slice(&repair.duals.flow[component]),
                 None => {
                     let pairs = out.iter_mut().zip(&self.flow.flow[component]);
                     pairs.for_each(|(out, q)| *out = q.to_f64());
@@ -268,151 +260,4 @@ fn absorbing(problem: &Problem<'_>, padded: usize) -> usize {
     }
     let able = problem.skin.singular.iter().take_while(|&s| s * s > 0.1 * STIFF).count();
     able.next_multiple_of(LANES).min(padded)
-}
-
-impl Bound {
-    fn nothing() -> Self {
-        Self { value: f64::NEG_INFINITY, scale: 0.0, rounding: 0.0 }
-    }
-
-    /// Returns the bound at the best scale up to `largest` of duals whose value is `s linear - s^2 square / 2`.
-    pub(crate) fn scaled(constant: f64, linear: f64, square: f64, largest: f64) -> Self {
-        let scale = match (linear > 0.0, square > 0.0) {
-            (false, _) => 0.0,
-            (true, false) => largest,
-            (true, true) => largest.min(linear / square),
-        };
-        let value = constant + scale * linear - 0.5 * scale * scale * square;
-        Self { value, scale, rounding: 0.0 }
-    }
-}
-
-/// Returns the part of the objective that does not depend on the image, and what the data duals `[frame][padded rank]`
-/// contribute to `linear` and `square` of [`Bound::scaled`].
-pub(crate) fn of_data(problem: &Problem<'_>, dual: &[f64]) -> [f64; 3] {
-    let padded = problem.skin.operators.padded;
-    let [mut constant, mut linear, mut square] = [0.0; 3];
-    for (frame, own) in dual.chunks_exact(padded).enumerate() {
-        let norm = own.iter().map(|y| y * y).sum::<f64>();
-        let data =
-            if problem.is_held() { problem.beta(frame) } else { &problem.targets[frame].values };
-        linear -= own.iter().zip(data).map(|(y, b)| y * b).sum::<f64>();
-        match problem.ball(frame) {
-            Some(ball) => linear -= (ball * norm).sqrt(),
-            None => {
-                square += norm;
-                constant += 0.5 * problem.targets[frame].rest_squared;
-            }
-        }
-    }
-    [constant, linear, square]
-}
-
-/// Computes the best bound of an anchored frame over the candidate scales.
-struct Best<'a, T: Project, D> {
-    problem: &'a Problem<'a>,
-    anchor: Anchor<'a>,
-    differences: &'a D,
-    flow: &'a Flow<T>,
-    dual: &'a [f64],
-    ratio: f64,
-    rounding: f64,
-}
-
-impl<T: Project, D: Differences<f64>> WithSimd for Best<'_, T, D> {
-    type Output = Bound;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Bound {
-        let Self { problem, anchor, ratio, rounding, .. } = self;
-        let [constant, linear, square] = of_data(problem, self.dual);
-        let linear = linear + self.along();
-        let bounded = problem.bounds.is_some();
-        let (mut kappa, mut hard) = (ratio, ratio);
-        let [own, least_radius] = self.hardest();
-        if bounded {
-            hard = hard.max(own);
-            self.for_lanes(|e, room, radius| {
-                if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
-                    kappa = kappa.max((e.abs() + rounding) / (anchor.lambda * radius));
-                }
-            });
-        } else {
-            kappa = kappa.max(own);
-        }
-        let rounding = rounding / least_radius;
-        let mut best = Bound { value: constant, scale: 0.0, rounding };
-        if !(linear > 0.0 && kappa.is_finite()) {
-            return best;
-        }
-        for kappa in &[kappa, hard, kappa.max(1.0)][..if bounded { 3 } else { 1 }] {
-            let mut bound = Bound::scaled(constant, linear, square, 1.0 / kappa);
-            if bounded {
-                self.for_lanes(|e, room, radius| {
-                    let over = bound.scale * (e.abs() + self.rounding) - anchor.lambda * radius;
-                    let room = if e > 0.0 { -room[0] } else { room[1] };
-                    if over > 0.0 && room > 0.0 && room.is_finite() {
-                        bound.value -= over * room;
-                    }
-                });
-            }
-            if bound.value > best.value {
-                best = Bound { rounding, ..bound };
-            }
-        }
-        best
-    }
-}
-
-impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
-    /// Calls `call` for each unknown with `e = f + D' q`, the distances `lower - x^` and `upper - x^` to the
-    /// bounds, and the radius.
-    #[inline(always)]
-    fn for_lanes(&self, mut call: impl FnMut(f64, [f64; 2], f64)) {
-        let [lower, upper] = self.problem.bounds.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        let exact = &self.problem.skin.operators;
-        for &at in &exact.places.blocks {
-            let radius = self.differences.cell_radius(at);
-            for (l, radius) in radius.iter().enumerate() {
-                let x = self.anchor.image[at + l];
-                if exact.inside[at + l] > 0.0 {
-                    let e = self.flow.error[at + l].to_f64();
-                    call(e, [lower - x, upper - x], *radius);
-                }
-            }
-        }
-    }
-
-    /// Returns the largest `(|e| + rounding) / radius` of any unknown and the smallest radius.
-    #[inline(always)]
-    fn hardest(&self) -> [f64; 2] {
-        let (mut most, mut least) = (splat(0.0), splat(f64::INFINITY));
-        let exact = &self.problem.skin.operators;
-        for &at in &exact.places.blocks {
-            let radius = self.differences.cell_radius(at);
-            let (inside, error) = (load(&exact.inside, at), load(&self.flow.error, at));
-            let own: Lane<f64> = each(|l| self.anchor.lambda * radius[l]);
-            let ratio: Lane<f64> =
-                each(|l| inside[l] * (error[l].to_f64().abs() + self.rounding) / own[l]);
-            most = each(|l| if ratio[l] > most[l] { ratio[l] } else { most[l] });
-            least = each(|l| {
-                let is_less = inside[l] > 0.0 && own[l] < least[l];
-                if is_less { own[l] } else { least[l] }
-            });
-        }
-        [largest(&most), -largest(&each(|l| -least[l]))]
-    }
-
-    /// Computes `q.D x^`.
-    #[inline(always)]
-    fn along(&self) -> f64 {
-        let mut sum: Lane<f64> = splat(0.0);
-        let [first, second] = &self.flow.flow;
-        for &at in self.differences.group_blocks() {
-            let [a, b] = self.differences.difference(self.anchor.image, at);
-            let (qa, qb) = (load(first, at), load(second, at));
-            sum = each(|l| qa[l].to_f64() * a[l] + qb[l].to_f64() * b[l] + sum[l]);
-        }
-        total(&sum)
-    }
 }

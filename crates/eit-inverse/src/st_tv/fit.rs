@@ -8,14 +8,16 @@
 //!
 //! with the data residual `|F' c - beta|` of a frame's channels in terms of the coefficients `c = V' d`, and
 //! `beta = b - F' V' origin`. Frames of one span that have the same channels share one such step.
+//!
+//! Over 400 lines because changes of the step map, of the channels and of the data all update the same set of steps.
 
 use super::ball;
 use super::data::Seen;
 use super::dense::{Congruent, Eigen, Invert, multiply, rows_times};
-use super::iterate::Expand;
 use super::lanes::{LANES, Project, each, load, splat, store};
 use super::operators::Operators;
 use super::problem::Problem;
+use super::products::Expand;
 use super::state::{SPAN, State};
 use crate::InverseError;
 use pulp::{Arch, Simd, WithSimd};

@@ -21,10 +21,10 @@
 //! The caller may change `f` between steps ([`Flow::push`]), which keep their momentum.
 
 use super::differences::{Differences, for_basis};
-use super::iterate::{Analyse, Expand};
 use super::lanes::{LANES, Lane, Project, clip, each, largest, load, shrink, splat, store};
 use super::operators::Operators;
 use super::problem::Problem;
+use super::products::{Analyse, Expand};
 use super::state::{State, TOGETHER};
 use pulp::{Arch, Simd, WithSimd};
 

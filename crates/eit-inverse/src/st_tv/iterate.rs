@@ -38,9 +38,7 @@
 use super::chain::Chain;
 use super::differences::{Differences, for_basis};
 use super::fit::DataSteps;
-use super::lanes::{
-    BLOCKS, LANES, Lane, Project, by_frames, each, load, shrink, splat, store, total,
-};
+use super::lanes::{BLOCKS, LANES, Lane, Project, by_frames, each, load, shrink, store, total};
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{SPAN, State, TOGETHER};
@@ -182,8 +180,10 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         for frame in 0..frames {
             self.flow_step(frame);
         }
-        for group in groups() {
-            self.descend_group(simd, group);
+        if !keep {
+            for group in groups() {
+                self.descend_group(simd, group);
+            }
         }
     }
 
@@ -199,14 +199,15 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         by_frames!(count, |G, at| self.ascend::<S, G>(simd, first + at, keep));
     }
 
-    /// Computes `w` of `G` frames and partial sums of `V' w`.
+    /// Computes `w` and `V' w` of `G` frames.
     #[inline(always)]
     fn descend<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
         let Self { ops, differences, state, data, .. } = self;
         let (cells, groups, has_tail) = (state.cells, state.groups, state.has_tail);
         let (ranks, padded) = (data.head, ops.padded);
-        let State { change, work, flow, links, force, tail, tau, sums, .. } = &mut **state;
-        let sums = &mut sums[first * padded..][..G * padded];
+        let State { change, work, flow, links, force, tail, tau, sums, coefficients, .. } =
+            &mut **state;
+        let sums = &mut sums[..G * padded];
         sums.fill([T::default(); LANES]);
         for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {
             let mut w = [[[T::default(); LANES]; BLOCKS]; G];
@@ -241,22 +242,22 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
                 T::project(simd, &ops.panels[own], &w, sums, padded);
             }
         }
+        let coefficients = &mut coefficients[first * padded..][..G * padded];
+        for (c, sum) in coefficients.iter_mut().zip(sums) {
+            *c = total(sum);
+        }
+        if T::HAS_SHORT {
+            scale_by(coefficients, &ops.short_units);
+        }
     }
 
     /// Computes the force of the data on a group from `V' w`, in units of the entries of the basis.
     #[inline(always)]
     fn fit(&mut self, group: Group) {
         let Self { ops, state, data, .. } = self;
-        let State { sums, coefficients, forces, .. } = &mut **state;
         let own = group.first * ops.padded..(group.first + group.count) * ops.padded;
-        let (coefficients, forces) = (&mut coefficients[own.clone()], &mut forces[own.clone()]);
-        for (c, sum) in coefficients.iter_mut().zip(&sums[own]) {
-            *c = total(sum);
-        }
-        if T::HAS_SHORT {
-            scale_by(coefficients, &ops.short_units);
-        }
-        data.apply(group.first, coefficients, forces);
+        let forces = &mut state.forces[own.clone()];
+        data.apply(group.first, &state.coefficients[own], forces);
         if T::HAS_SHORT {
             scale_by(forces, &ops.short_units);
         }
@@ -416,119 +417,4 @@ fn huber<T: Project>(up: Lane<T>, limit: Lane<T>, step: Lane<T>, scaled: &Scaled
         let least = step[l].mul_add(scaled.smoothing, limit[l]);
         up[l] * (limit[l] / up[l].abs().max(least).max(scaled.tiny))
     })
-}
-
-/// Computes `V' x` of all frames, with products and sums in `T` over [`SUMMED_PANELS`] panels, then in `f64`.
-///
-/// Panels of zeros are skipped. The speed is limited by memory bandwidth: `V` is read once for four frames, `4 n rank`
-/// bytes in `f32` and twice that in `f64`.
-pub(crate) struct Analyse<'a, T: Project, X> {
-    pub(crate) ops: &'a Operators<T>,
-    pub(crate) frames: usize,
-    /// Over cells.
-    pub(crate) x: &'a [X],
-    /// Number of ranks that are computed, a multiple of the lanes.
-    pub(crate) ranks: usize,
-    /// Scratch memory, `[padded rank]` of a few frames.
-    pub(crate) sums: &'a mut [Lane<T>],
-    /// `[frame][padded rank]`.
-    pub(crate) out: &'a mut [f64],
-}
-
-/// Number of panels whose products are summed in a lane before conversion to `f64`.
-pub(crate) const SUMMED_PANELS: usize = 8;
-
-impl<T: Project, X: Project> WithSimd for Analyse<'_, T, X> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
-        by_frames!(self.frames, |G, first| self.frames::<S, G>(simd, first));
-    }
-}
-
-impl<T: Project, X: Project> Analyse<'_, T, X> {
-    #[inline(always)]
-    fn frames<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
-        let Self { ops, x, ranks, sums, out, .. } = self;
-        let (cells, padded) = (ops.cells(), ops.padded);
-        let (sums, out) = (&mut sums[..G * padded], &mut out[first * padded..][..G * padded]);
-        out.fill(0.0);
-        sums.fill([T::default(); LANES]);
-        let mut known = 0;
-        for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {
-            let mut w = [[[T::default(); LANES]; BLOCKS]; G];
-            let mut largest = splat(T::default());
-            for (f, w) in w.iter_mut().enumerate() {
-                for (w, &at) in w.iter_mut().zip(blocks) {
-                    let x = load(x, (first + f) * cells + at);
-                    let own = each(|l| T::from_f64(x[l].to_f64()));
-                    largest = each(|l| largest[l].max(own[l].abs()));
-                    *w = own;
-                }
-            }
-            if largest != splat(T::default()) {
-                T::project(simd, ops.panel(panel, 0..*ranks), &w, sums, padded);
-                known += 1;
-            }
-            if known == SUMMED_PANELS {
-                flush(sums, out);
-                known = 0;
-            }
-        }
-        flush(sums, out);
-    }
-}
-
-/// Adds the lane of each rank to its sum and clears the lane.
-#[inline(always)]
-fn flush<T: Project>(sums: &mut [Lane<T>], out: &mut [f64]) {
-    for (sum, out) in sums.iter_mut().zip(out) {
-        let mut wide = [0.0; LANES];
-        for l in 0..LANES {
-            wide[l] = sum[l].to_f64();
-        }
-        *out += total(&wide);
-        *sum = [T::default(); LANES];
-    }
-}
-
-/// Computes `out = V z`, or adds it, on all cells of all frames, over a range of ranks.
-pub(crate) struct Expand<'a, T: Project> {
-    pub(crate) ops: &'a Operators<T>,
-    pub(crate) frames: usize,
-    pub(crate) ranks: std::ops::Range<usize>,
-    /// `[frame][padded rank]`.
-    pub(crate) z: &'a [T],
-    pub(crate) add: bool,
-    pub(crate) out: &'a mut [T],
-}
-
-impl<T: Project> WithSimd for Expand<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
-        by_frames!(self.frames, |G, first| self.frames::<S, G>(simd, first));
-    }
-}
-
-impl<T: Project> Expand<'_, T> {
-    #[inline(always)]
-    fn frames<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
-        let Self { ops, ranks, z, add, out, .. } = self;
-        let (cells, padded) = (ops.cells(), ops.padded);
-        let z = &z[first * padded + ranks.start..(first + G - 1) * padded + ranks.end];
-        for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {
-            let mut sums = [[[T::default(); LANES]; BLOCKS]; G];
-            T::expand(simd, ops.panel(panel, ranks.clone()), z, padded, &mut sums);
-            for (f, sums) in sums.iter().enumerate() {
-                for (sum, &at) in sums.iter().zip(blocks) {
-                    let here = (first + f) * cells + at;
-                    let before = if *add { load(out, here) } else { splat(T::default()) };
-                    store(out, here, each(|l| before[l] + sum[l]));
-                }
-            }
-        }
-    }
 }

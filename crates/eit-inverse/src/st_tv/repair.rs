@@ -5,26 +5,23 @@
 //! channels than parts, the bound duals `p` take what is left. The remainder is removed by the smallest flow `D z` with
 //! `D' D z = e`.
 
-use super::certificate::{Bound, of_data};
+mod passes;
+
+use super::bound::{Bound, of_data};
 use super::dense::multiply;
-use super::differences::{Differences, for_basis};
+use super::differences::for_basis;
 use super::flow::{Boxes, Flow};
-use super::iterate::Expand;
-use super::lanes::{Lane, Project, each, largest, load, splat, store};
+use super::lanes::Project;
 use super::laplacian::SIDES;
-use super::operators::Operators;
 use super::problem::Problem;
-use pulp::{Simd, WithSimd};
+use super::products::Expand;
+use passes::{Add, Duals, Excess, Subtract, solve_semidefinite};
 use std::ops::Range;
 
-/// Duals and memory. Arrays are as in [`super::state`], and those of parts `[frame][part]`.
+/// Duals and memory. Arrays of parts are `[frame][part]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Repair {
-    pub(crate) flow: [Vec<f64>; 2],
-    links: Vec<f64>,
-    /// `p`; empty without bounds.
-    held: Vec<f64>,
-    error: Vec<f64>,
+    pub(crate) duals: Duals,
     sides: [Vec<[f64; SIDES]>; 2],
     coefficients: Vec<f64>,
     /// Sums of the error over each part.
@@ -41,10 +38,12 @@ impl Repair {
         let (cells, parts) = (exact.cells(), problem.skin.parts.sizes.len());
         let zeros = |is_used: bool, count: usize| vec![0.0; if is_used { count } else { 0 }];
         Self {
-            flow: std::array::from_fn(|_| vec![0.0; frames * exact.groups]),
-            links: zeros(problem.linked(), (frames + 1) * cells),
-            held: zeros(problem.bounds.is_some(), frames * cells),
-            error: vec![0.0; frames * cells],
+            duals: Duals {
+                flow: std::array::from_fn(|_| vec![0.0; frames * exact.groups]),
+                links: zeros(problem.linked(), (frames + 1) * cells),
+                held: zeros(problem.bounds.is_some(), frames * cells),
+                error: vec![0.0; frames * cells],
+            },
             sides: std::array::from_fn(|_| vec![[0.0; SIDES]; exact.unknowns()]),
             coefficients: vec![0.0; frames * exact.padded],
             sums: vec![0.0; frames * parts],
@@ -54,8 +53,8 @@ impl Repair {
     }
 
     pub(crate) fn clear(&mut self) {
-        let [first, second] = &mut self.flow;
-        for array in [first, second, &mut self.links, &mut self.held] {
+        let [first, second] = &mut self.duals.flow;
+        for array in [first, second, &mut self.duals.links, &mut self.duals.held] {
             array.fill(0.0);
         }
     }
@@ -68,13 +67,13 @@ impl Repair {
         images: &[f64],
         how: Boxes,
     ) {
-        let [first, second] = &mut self.flow;
+        let [first, second] = &mut self.duals.flow;
         let pairs =
-            [(first, &flow.flow[0]), (second, &flow.flow[1]), (&mut self.links, &flow.links)];
+            [(first, &flow.flow[0]), (second, &flow.flow[1]), (&mut self.duals.links, &flow.links)];
         for (to, from) in pairs {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = from.to_f64());
         }
-        if self.held.is_empty() {
+        if self.duals.held.is_empty() {
             return;
         }
         let cells = problem.skin.operators.cells();
@@ -84,12 +83,13 @@ impl Repair {
                 let [mut force, mut sum] = [0.0; 2];
                 for at in members(problem, part).map(|cell| frame * cells + cell) {
                     let (e, [most, least]) = (flow.error[at].to_f64(), how.limits(images[at]));
-                    self.held[at] = e.min(most).max(least) - e;
+                    self.duals.held[at] = e.min(most).max(least) - e;
                     force += e;
-                    sum += self.held[at];
+                    sum += self.duals.held[at];
                 }
                 let share = if force * sum < 0.0 { (-force / sum).min(1.0) } else { 0.0 };
-                members(problem, part).for_each(|cell| self.held[frame * cells + cell] *= share);
+                members(problem, part)
+                    .for_each(|cell| self.duals.held[frame * cells + cell] *= share);
             }
         }
     }
@@ -148,10 +148,10 @@ impl Repair {
             let sums = &mut self.sums[frame * parts.sizes.len()..][..parts.sizes.len()];
             for (&label, &cell) in parts.label.iter().zip(&exact.places.cells) {
                 let at = frame * cells + cell;
-                if !self.links.is_empty() {
-                    sums[label as usize] += self.links[at] - self.links[at + cells];
+                if !self.duals.links.is_empty() {
+                    sums[label as usize] += self.duals.links[at] - self.duals.links[at + cells];
                 }
-                sums[label as usize] += self.held.get(at).copied().unwrap_or(0.0);
+                sums[label as usize] += self.duals.held.get(at).copied().unwrap_or(0.0);
             }
         }
     }
@@ -196,7 +196,7 @@ impl Repair {
                 }
                 *sum = 0.0;
                 for cell in members(problem, part) {
-                    self.links[(frame + 1) * cells + cell] += carried / size;
+                    self.duals.links[(frame + 1) * cells + cell] += carried / size;
                 }
             }
         }
@@ -216,23 +216,25 @@ impl Repair {
                 let sum = self.sums[frame * parts + part];
                 let places = || members(problem, part).map(|cell| frame * cells + cell);
                 // a dual of this sign can always be reduced; one of the other sign needs a finite bound
-                let held: f64 = places().map(|at| self.held[at]).filter(|p| p * sum > 0.0).sum();
+                let held: f64 =
+                    places().map(|at| self.duals.held[at]).filter(|p| p * sum > 0.0).sum();
                 let reduced = if held == 0.0 { 0.0 } else { (sum / held).min(1.0) };
                 let bound = if sum > 0.0 { lower } else { upper };
                 let rest = sum - reduced * held;
                 let added = if bound.is_finite() { rest / size } else { 0.0 };
                 for at in places() {
-                    let p = self.held[at];
-                    self.held[at] -= added + if p * sum > 0.0 { reduced * p } else { 0.0 };
+                    let p = self.duals.held[at];
+                    self.duals.held[at] -= added + if p * sum > 0.0 { reduced * p } else { 0.0 };
                 }
                 self.sums[frame * parts + part] = rest - added * size;
             }
             if !problem.linked() && self.is_unbalanced(problem, dual, frame..frame + 1) {
                 dual[frame * exact.padded..][..exact.padded].fill(0.0);
-                self.flow
+                self.duals
+                    .flow
                     .iter_mut()
                     .for_each(|q| q[frame * exact.groups..][..exact.groups].fill(0.0));
-                self.held[frame * cells..][..cells].fill(0.0);
+                self.duals.held[frame * cells..][..cells].fill(0.0);
                 self.sums[frame * parts..][..parts].fill(0.0);
             }
         }
@@ -258,29 +260,29 @@ impl Repair {
         for (frame, (c, y)) in rows.enumerate() {
             problem.mode(frame).apply_transposed(&y[..rank], &mut c[..rank]);
         }
-        let (z, out) = (&self.coefficients, &mut self.error);
+        let (z, out) = (&self.coefficients, &mut self.duals.error);
         arch.dispatch(Expand { ops, frames, ranks: 0..ops.padded, z, add: false, out });
-        for_basis!(arch, ops.basis, |differences| Add { ops, differences, repair: &mut *self });
+        for_basis!(arch, ops.basis, |differences| Add { ops, differences, duals: &mut self.duals });
         let [x, work] = &mut self.sides;
         for first in (0..frames).step_by(SIDES) {
             let known = SIDES.min(frames - first);
             for (x, &cell) in x.iter_mut().zip(&ops.places.cells) {
                 *x = [0.0; SIDES];
                 for (l, x) in x.iter_mut().enumerate().take(known) {
-                    *x = self.error[(first + l) * cells + cell];
+                    *x = self.duals.error[(first + l) * cells + cell];
                 }
             }
             problem.skin.laplacian.solve(arch, x, work);
             for (x, &cell) in x.iter().zip(&ops.places.cells) {
                 for (l, x) in x.iter().enumerate().take(known) {
-                    self.error[(first + l) * cells + cell] = *x;
+                    self.duals.error[(first + l) * cells + cell] = *x;
                 }
             }
         }
         for_basis!(arch, ops.basis, |differences| Subtract {
             ops,
             differences,
-            repair: &mut *self
+            duals: &mut self.duals
         });
     }
 
@@ -288,8 +290,11 @@ impl Repair {
     fn scaled(&self, problem: &Problem<'_>, dual: &[f64]) -> Bound {
         let (arch, basis) = (problem.skin.arch, &problem.skin.operators.basis);
         let is_unbalanced = self.is_unbalanced(problem, dual, 0..problem.frames());
-        let excess =
-            for_basis!(arch, *basis, |differences| Excess { problem, differences, repair: self });
+        let excess = for_basis!(arch, *basis, |differences| Excess {
+            problem,
+            differences,
+            duals: &self.duals
+        });
         let [constant, linear, square] = of_data(problem, dual);
         if is_unbalanced || !excess.is_finite() {
             return Bound::scaled(constant, 0.0, 0.0, 0.0);
@@ -306,7 +311,7 @@ impl Repair {
             p if p < 0.0 => lower * p,
             _ => 0.0,
         };
-        self.held.iter().map(term).sum()
+        self.duals.held.iter().map(term).sum()
     }
 }
 
@@ -322,146 +327,4 @@ fn runs(problem: &Problem<'_>) -> impl Iterator<Item = Range<usize>> + use<> {
     let frames = problem.frames();
     let length = if problem.linked() { frames } else { 1 };
     (0..frames).step_by(length).map(move |first| first..first + length)
-}
-
-/// Adds the forces of all duals but `y` to the error.
-struct Add<'a, D> {
-    ops: &'a Operators<f64>,
-    differences: &'a D,
-    repair: &'a mut Repair,
-}
-
-impl<D: Differences<f64>> WithSimd for Add<'_, D> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, differences, repair } = self;
-        let Repair { flow, links, held, error, .. } = repair;
-        let (cells, groups) = (ops.cells(), ops.groups);
-        for frame in 0..error.len() / cells {
-            let own = frame * groups..(frame + 1) * groups;
-            let q = [&flow[0][own.clone()], &flow[1][own]];
-            for (block, &at) in ops.places.blocks.iter().enumerate() {
-                let here = frame * cells + at;
-                let (divergence, mut e) = (differences.adjoint(q, block, at), load(error, here));
-                if !links.is_empty() {
-                    let (own, next) = (load(links, here), load(links, here + cells));
-                    e = each(|l| e[l] + (own[l] - next[l]));
-                }
-                if !held.is_empty() {
-                    let p = load(held, here);
-                    e = each(|l| e[l] + p[l]);
-                }
-                store(error, here, each(|l| e[l] + divergence[l]));
-            }
-        }
-    }
-}
-
-/// Computes `q -= D z` with `z` in the place of the error.
-struct Subtract<'a, D> {
-    ops: &'a Operators<f64>,
-    differences: &'a D,
-    repair: &'a mut Repair,
-}
-
-impl<D: Differences<f64>> WithSimd for Subtract<'_, D> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, differences, repair } = self;
-        let [first, second] = &mut repair.flow;
-        for (frame, z) in repair.error.chunks_exact(ops.cells()).enumerate() {
-            for &at in differences.group_blocks() {
-                let ([a, b], here) = (differences.difference(z, at), frame * ops.groups + at);
-                let (qa, qb) = (load(first, here), load(second, here));
-                store(first, here, each(|l| qa[l] - a[l]));
-                store(second, here, each(|l| qb[l] - b[l]));
-            }
-        }
-    }
-}
-
-/// Computes the largest ratio of a dual to its radius; infinite if a dual with radius zero is non-zero.
-struct Excess<'a, D> {
-    problem: &'a Problem<'a>,
-    differences: &'a D,
-    repair: &'a Repair,
-}
-
-impl<D: Differences<f64>> WithSimd for Excess<'_, D> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { problem, differences, repair } = self;
-        let ops = &problem.skin.operators;
-        let Problem { lambda_space, lambda_time, .. } = *problem;
-        let mut most: Lane<f64> = splat(0.0);
-        for frame in 0..problem.frames() {
-            for &at in differences.group_blocks() {
-                let here = frame * ops.groups + at;
-                let (a, b) = (load(&repair.flow[0], here), load(&repair.flow[1], here));
-                let radius = differences.group_radius(at);
-                most = each(|l| {
-                    let norm = a[l].mul_add(a[l], b[l] * b[l]).sqrt();
-                    let ratio = norm / (lambda_space * radius[l]);
-                    if norm > 0.0 && ratio > most[l] { ratio } else { most[l] }
-                });
-            }
-        }
-        if !repair.links.is_empty() {
-            for frame in 1..problem.frames() {
-                for &at in &ops.places.blocks {
-                    let q = load(&repair.links, frame * ops.cells() + at);
-                    let radius = differences.cell_radius(at);
-                    most = each(|l| {
-                        let ratio = q[l].abs() / (lambda_time * radius[l]);
-                        if q[l] != 0.0 && ratio > most[l] { ratio } else { most[l] }
-                    });
-                }
-            }
-        }
-        largest(&most)
-    }
-}
-
-/// Solves a semidefinite system `[n][n + 1]` with the right-hand side in the last column, which is
-/// replaced by the solution. Uses elimination with diagonal pivots; the solution is zero in null
-/// directions.
-fn solve_semidefinite(rows: &mut [f64], n: usize) {
-    let width = n + 1;
-    let floor = (0..n).map(|k| rows[k * width + k]).fold(0.0, f64::max) * 1e-12;
-    // a diagonal entry of -1 marks a row that has been a pivot
-    for _ in 0..n {
-        let mut pivot = None;
-        let mut most = floor;
-        for k in 0..n {
-            if rows[k * width + k] > most {
-                most = rows[k * width + k];
-                pivot = Some(k);
-            }
-        }
-        let Some(k) = pivot else { break };
-        for c in 0..width {
-            if c != k {
-                rows[k * width + c] /= most;
-            }
-        }
-        for i in (0..n).filter(|&i| i != k) {
-            let factor = rows[i * width + k];
-            for c in (0..width).filter(|&c| c != k) {
-                rows[i * width + c] -= factor * rows[k * width + c];
-            }
-            rows[i * width + k] = 0.0;
-        }
-        rows[k * width + k] = -1.0;
-    }
-    for k in 0..n {
-        if rows[k * width + k] != -1.0 {
-            rows[k * width + n] = 0.0;
-        }
-    }
 }

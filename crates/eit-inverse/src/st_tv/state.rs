@@ -50,7 +50,7 @@ pub(crate) struct State<T: Project> {
     pub(crate) chain: Option<Chain<T>>,
     /// Whether images are close to constants, from which their distance is measured.
     pub(crate) is_centred: bool,
-    /// Partial sums of `V' w`, one lane per rank, `[frame][padded rank]`.
+    /// Partial sums of `V' w`, one lane per rank, of a few frames.
     pub(crate) sums: Vec<Lane<T>>,
     /// `V' w` of the last iteration, and the force `F y` of the data, `[frame][padded rank]`.
     pub(crate) coefficients: Vec<T>,
@@ -85,7 +85,7 @@ impl<T: Project> State<T> {
             split: [1.0; 3],
             chain: None,
             is_centred: false,
-            sums: vec![[T::default(); LANES]; frames * ops.padded],
+            sums: vec![[T::default(); LANES]; TOGETHER.min(frames) * ops.padded],
             coefficients: zeros(frames * ops.padded),
             forces: zeros(frames * ops.padded),
         }

@@ -78,7 +78,10 @@ pub(crate) fn measure<T: Project>(ops: &Operators<T>, state: &State<T>) -> Optio
     let image = images.map(|(x, d)| (*x + *d).to_f64().powi(2)).sum();
     let space = square(&state.flow[0]) + square(&state.flow[1]);
     let rest = match state.chain {
-        Some(_) => merged_square(state, |_| 1.0),
+        Some(_) => {
+            let State { frames, cells, links, force, .. } = state;
+            weighted(*frames, *cells, |at| merged(links, force, *cells, at), |_| 1.0)
+        }
         None => square(&state.links) + square(&state.force),
     };
     balanced(image, space + rest, total_norm(ops, state))
@@ -163,38 +166,31 @@ pub(crate) fn set_map<T: Project>(
     factor.is_some()
 }
 
-/// Returns the sum of squares of `v - w`, `[frame][..]`, each times or over the step of its span.
-fn weighted<T: Project>(
-    values: [&[T]; 2],
-    steps: &[T],
+/// Returns the sum of the squares of `value`, `[frame][length]`, times the weight of the step of its span.
+pub(crate) fn weighted(
+    frames: usize,
     length: usize,
-    weight: impl Fn(f64, f64) -> f64,
+    value: impl Fn(usize) -> f64,
+    weight: impl Fn(usize) -> f64,
 ) -> f64 {
-    let [first, second] = values;
     let mut sum = 0.0;
-    for (frame, row) in first.chunks_exact(length).enumerate() {
-        let steps = &steps[frame / SPAN * length..][..length];
-        let other = second.get(frame * length..).unwrap_or_default();
-        for (i, (v, step)) in row.iter().zip(steps).enumerate() {
-            let v = v.to_f64() - other.get(i).map_or(0.0, |w| w.to_f64());
-            if v != 0.0 {
-                sum += weight(v * v, step.to_f64());
+    for frame in 0..frames {
+        let (first, step) = (frame * length, frame / SPAN * length);
+        for i in 0..length {
+            let value = value(first + i);
+            // padding has no step
+            if value != 0.0 {
+                sum += value * value * weight(step + i);
             }
         }
     }
     sum
 }
 
-/// Returns the sum of the squared `D_t' q_t + p`, times a weight of the index of its step.
-fn merged_square<T: Project>(state: &State<T>, weight: impl Fn(usize) -> f64) -> f64 {
-    let (cells, mut sum) = (state.cells, 0.0);
-    for at in 0..state.frames * cells {
-        let held = state.force.get(at).copied().unwrap_or_default();
-        let own = (state.links[at] - state.links[at + cells]) + held;
-        let (frame, cell) = (at / cells, at % cells);
-        sum += own.to_f64().powi(2) * weight(frame / SPAN * cells + cell);
-    }
-    sum
+/// Returns `D_t' q_t + p`.
+pub(crate) fn merged<T: Project>(links: &[T], force: &[T], cells: usize, at: usize) -> f64 {
+    let held = force.get(at).copied().unwrap_or_default();
+    ((links[at] - links[at + cells]) + held).to_f64()
 }
 
 /// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time, and anchor and bounds according to their
@@ -207,36 +203,30 @@ fn merged_square<T: Project>(state: &State<T>, weight: impl Fn(usize) -> f64) ->
 /// with `N_i` the squared norms of the duals, weighted by `tau`, and `c_i` the squared operator norms. The steps must
 /// be those of a split of 1.
 fn balance<T: Project>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
-    let (cells, groups) = (state.cells, state.groups);
-    let mut image = 0.0;
-    let mut row = vec![T::default(); cells];
-    for frame in 0..state.frames {
-        let at = frame * cells..(frame + 1) * cells;
-        let pairs = state.origin[at.clone()].iter().zip(&state.change[at]);
-        row.iter_mut().zip(pairs).for_each(|(out, (x, d))| *out = *x + *d);
-        if state.is_centred {
-            let inside =
-                || row.iter().zip(&ops.inside).filter(|(_, inside)| **inside > T::default());
-            let sum: f64 = inside().map(|(x, _)| x.to_f64()).sum();
-            let mean = T::from_f64(sum / ops.unknowns() as f64);
-            row.iter_mut().zip(&ops.inside).for_each(|(x, inside)| *x = *x - *inside * mean);
-        }
-        let steps = &state.cell_step[frame / SPAN * cells..][..cells];
-        image += weighted([&row, &[]], steps, cells, |square, step| square * step);
-    }
-    let of_groups =
-        |q: &[T]| weighted([q, &[]], &state.group_step, groups, |square, step| square / step);
-    let of_cells = |q: &[T]| weighted([q, &[]], &state.tau, cells, |square, tau| square * tau);
-    let carried = match state.chain {
-        Some(_) => [0.0, merged_square(state, |at| state.tau[at].to_f64()), 0.0],
-        // links between two rows of zeros, with the steps of the frame after
-        None if !state.links.is_empty() => {
-            let links = &state.links[..state.frames * cells];
-            [0.0, of_cells(links), of_cells(&state.force)]
-        }
-        None => [0.0, 0.0, of_cells(&state.force)],
+    let State { frames, cells, groups, origin, change, flow, links, force, tau, .. } = &*state;
+    let (frames, cells) = (*frames, *cells);
+    let x = |at: usize| (origin[at] + change[at]).to_f64();
+    let mean = |frame: usize| {
+        let own = ops.places.cells.iter().map(|cell| x(frame * cells + cell));
+        own.sum::<f64>() / ops.unknowns() as f64
     };
-    let carried = [of_groups(&state.flow[0]) + of_groups(&state.flow[1]), carried[1], carried[2]];
+    let means: Vec<f64> = (0..if state.is_centred { frames } else { 0 }).map(mean).collect();
+    let deviation = |at: usize| x(at) - means.get(at / cells).unwrap_or(&0.0);
+    let image = weighted(frames, cells, deviation, |step| state.cell_step[step].to_f64());
+    let tau = |step: usize| tau[step].to_f64();
+    let per_sigma = |step: usize| 1.0 / state.group_step[step].to_f64();
+    let of_flow = |q: &[T]| weighted(frames, *groups, |at| q[at].to_f64(), per_sigma);
+    let space = of_flow(&flow[0]) + of_flow(&flow[1]);
+    let carried = match state.chain {
+        Some(_) => [space, weighted(frames, cells, |at| merged(links, force, cells, at), tau), 0.0],
+        None => {
+            let of = |q: &[T]| {
+                let known = if q.is_empty() { 0 } else { frames };
+                weighted(known, cells, |at| q[at].to_f64(), tau)
+            };
+            [space, of(links), of(force)]
+        }
+    };
     let norms = squared_norms(ops, state);
     let all: f64 = carried.iter().sum();
     if !(all > 0.0 && all.is_finite()) {
@@ -252,72 +242,6 @@ fn balance<T: Project>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> 
     let dual: f64 = terms.map(|((n, c), s)| if *c > 0.0 { n / s } else { 0.0 }).sum();
     let factor = (image / dual).sqrt();
     (factor > 0.0 && factor.is_finite()).then_some(factor)
-}
-
-/// Images and duals of an earlier iterate, from which long runs balance their steps.
-///
-/// ```text
-/// ratio^2 = |x - x_0|^2_{T^-1} / |q - q_0|^2_{Sigma^-1}      over all duals q
-/// ```
-///
-/// Steps are balanced if both travel equally far. The norms of images and duals, from which a step map is
-/// balanced, say nothing of that where the image has far to go under a small force: in a direction that the
-/// constraints of the data leave free, or that few channels see. Applegate et al. (*Practical large-scale linear
-/// programming using primal-dual hybrid gradient*, NeurIPS 2021, section 3.3) balance their steps likewise.
-pub(crate) struct Travel<T> {
-    image: Vec<T>,
-    flow: [Vec<T>; 2],
-    links: Vec<T>,
-    force: Vec<T>,
-}
-
-impl<T: Project> Travel<T> {
-    /// Starts from the current iterate.
-    pub(crate) fn from(state: &State<T>) -> Self {
-        let image = state.origin.iter().zip(&state.change).map(|(x, d)| *x + *d).collect();
-        let (flow, links, force) = (state.flow.clone(), state.links.clone(), state.force.clone());
-        Self { image, flow, links, force }
-    }
-
-    /// Returns `ratio` since an earlier iterate, in the metric of the current steps: 1 if nothing moved, infinite if
-    /// only the image did.
-    pub(crate) fn ratio(&self, before: &Self, state: &State<T>) -> f64 {
-        let (cells, groups) = (state.cells, state.groups);
-        let image = [self.image.as_slice(), &before.image];
-        let image = weighted(image, &state.cell_step, cells, |square, step| square * step);
-        let moved = |own: &[T], before: &[T]| {
-            weighted([own, before], &state.tau, cells, |square, tau| square * tau)
-        };
-        let held = match state.chain {
-            // exact steps change the sum
-            Some(_) => {
-                let mut change = vec![T::default(); state.frames * cells];
-                for (at, out) in change.iter_mut().enumerate() {
-                    let sum = |travel: &Self| {
-                        let held = travel.force.get(at).copied().unwrap_or_default();
-                        (travel.links[at] - travel.links[at + cells]) + held
-                    };
-                    *out = sum(self) - sum(before);
-                }
-                moved(&change, &[]) / state.split[1]
-            }
-            None => {
-                let known = self.links.len().saturating_sub(cells);
-                moved(&self.links[..known], &before.links) / state.split[1]
-                    + moved(&self.force, &before.force) / state.split[2]
-            }
-        };
-        let flow: f64 = (0..2)
-            .map(|c| {
-                let q = [self.flow[c].as_slice(), &before.flow[c]];
-                weighted(q, &state.group_step, groups, |square, step| square / step)
-            })
-            .sum();
-        match (image / (flow + held)).sqrt() {
-            ratio if ratio.is_nan() => 1.0,
-            ratio => ratio,
-        }
-    }
 }
 
 /// Memory for a step map.

@@ -5,10 +5,10 @@ use super::ball;
 use super::dense::{dot, multiply};
 use super::differences::{Differences, for_basis};
 use super::fit::DataSteps;
-use super::iterate::{Analyse, Expand, SUMMED_PANELS};
 use super::lanes::{BLOCKS, LANES, Lane, Project, each, load, total};
 use super::operators::Operators;
 use super::problem::Problem;
+use super::products::{Analyse, Expand, SUMMED_PANELS};
 use super::state::{State, TOGETHER};
 use pulp::{Simd, WithSimd};
 
@@ -153,7 +153,7 @@ impl Candidate {
     }
 
     /// Computes images and objective of the evaluated residuals.
-    pub(crate) fn finish(&mut self, problem: &Problem<'_>) {
+    fn finish(&mut self, problem: &Problem<'_>) {
         let exact = &problem.skin.operators;
         match problem.anchor {
             None => self.images.copy_from_slice(&self.change),

@@ -1,18 +1,20 @@
 //! The problem of one frame of a stream: iterations and evaluations of image and bound, until the gap is proven or a
 //! limit is reached.
+//!
+//! Over 400 lines because the numbers of one schedule, and the steps of one loop over both floating-point types, are
+//! best read together.
 
-use super::super::certificate::{Bound, Certificate, Effort, Iterate};
+use super::super::certificate::{Certificate, Effort, Iterate};
 use super::super::fit::DataSteps;
-use super::super::iterate::{Expand, Pace};
+use super::super::iterate::Pace;
 use super::super::lanes::Project;
 use super::super::operators::Operators;
 use super::super::problem::{Anchor, Problem};
-use super::super::schedule::{
-    CLOCK, FLOW_STEPS, LEAN, SINGLE_PRECISION_GAP, SMOOTHING, relative_gap,
-};
+use super::super::products::Expand;
+use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, SINGLE_PRECISION_GAP, SMOOTHING};
 use super::super::state::State;
 use super::super::step::{self, FLOOR, MapScratch};
-use super::super::value::Candidate;
+use super::record::Record;
 use super::settings::CausalSettings;
 use crate::InverseError;
 use std::time::Instant;
@@ -88,91 +90,6 @@ struct Limits {
     first_look: usize,
 }
 
-/// Best result of a frame so far, in internal units.
-#[derive(Debug, Clone)]
-pub(super) struct Record {
-    pub(super) iterations: usize,
-    pub(super) primal: f64,
-    pub(super) lower_bound: f64,
-    /// Change of the best image, over cells, and its coefficients `V' d`.
-    pub(super) change: Vec<f64>,
-    pub(super) coefficients: Vec<f64>,
-    /// `|F' c - t|` of the best image, including the unexplained part of the data.
-    pub(super) misfit: f64,
-    /// Scaled data dual of the best bound, its flow, and the scale.
-    pub(super) dual: Vec<f64>,
-    pub(super) flow: [Vec<f64>; 2],
-    pub(super) scale: f64,
-    /// Whether the best bound was computed in `f64`.
-    pub(super) is_double: bool,
-    /// Rounding error of the last bound, relative to the smallest radius of the change.
-    rounding: f64,
-    candidate: Candidate,
-    images: Vec<f64>,
-}
-
-impl Record {
-    pub(super) fn new(problem: &Problem<'_>) -> Self {
-        let candidate = Candidate::new(problem);
-        let groups = problem.skin.operators.groups;
-        Self {
-            iterations: 0,
-            primal: f64::INFINITY,
-            lower_bound: f64::NEG_INFINITY,
-            change: candidate.change.clone(),
-            coefficients: candidate.coefficients.clone(),
-            misfit: 0.0,
-            dual: candidate.coefficients.clone(),
-            flow: std::array::from_fn(|_| vec![0.0; groups]),
-            scale: 0.0,
-            is_double: false,
-            rounding: 0.0,
-            images: candidate.images.clone(),
-            candidate,
-        }
-    }
-
-    /// Resets the record for a new frame.
-    pub(super) fn clear(&mut self) {
-        self.iterations = 0;
-        (self.primal, self.lower_bound) = (f64::INFINITY, f64::NEG_INFINITY);
-        self.change.fill(0.0);
-        self.coefficients.fill(0.0);
-        self.dual.fill(0.0);
-        self.scale = 0.0;
-        self.is_double = false;
-        self.rounding = 0.0;
-    }
-
-    fn gap(&self) -> f64 {
-        relative_gap(self.primal, self.lower_bound)
-    }
-
-    /// Stores the candidate if it is the best.
-    fn take(&mut self) {
-        let Self { candidate, change, coefficients, images, .. } = self;
-        if candidate.primal < self.primal {
-            self.primal = candidate.primal;
-            self.misfit = candidate.misfit[0];
-            change.copy_from_slice(&candidate.change);
-            coefficients.copy_from_slice(&candidate.coefficients);
-            images.copy_from_slice(&candidate.images);
-        }
-    }
-
-    fn take_proof<T: Project>(&mut self, bound: Bound, certificate: &Certificate<T>) {
-        self.rounding = bound.rounding;
-        if bound.value > self.lower_bound {
-            self.lower_bound = bound.value;
-            self.scale = bound.scale;
-            self.is_double = T::EPSILON == f64::EPSILON;
-            let rows = self.dual.iter_mut().zip(&certificate.dual);
-            rows.for_each(|(own, y)| *own = bound.scale * y);
-            certificate.flow_into(&mut self.flow);
-        }
-    }
-}
-
 /// The iteration in one floating-point type.
 #[derive(Debug, Clone)]
 struct Engine<T: Project> {
@@ -216,7 +133,7 @@ pub(super) struct Frames {
     single: Engine<f32>,
     double: Engine<f64>,
     scale: Scale,
-    /// Running mean of the innovation, iterations of the last two frames, frames since the last map and in all.
+    /// Running mean of the innovation, iterations of the last two frames, frames since the last map, and in all.
     usual: f64,
     recent: [usize; 2],
     map_age: usize,
@@ -234,6 +151,11 @@ impl Frames {
             map_age: MAP_EVERY,
             count: 0,
         }
+    }
+
+    /// Asks for a new step map.
+    pub(super) fn renew_map(&mut self) {
+        self.map_age = MAP_EVERY;
     }
 
     /// Sets the duals to zero.
@@ -258,15 +180,14 @@ impl Frames {
         ops: &Operators<f32>,
         record: &mut Record,
         settings: &CausalSettings,
-        is_stale: bool,
         start: Instant,
     ) -> Result<End, InverseError> {
         self.count += 1;
+        self.map_age += 1;
         let rows = problem.modes[0].rows;
         let size = problem.beta(0)[..rows].iter().map(|b| b * b).sum::<f64>().sqrt();
         let is_event = size > EVENT * self.usual || self.count <= 2;
-        let is_stale = is_stale || self.map_age >= MAP_EVERY || is_event;
-        self.map_age = if is_stale { 1 } else { self.map_age + 1 };
+        let is_stale = self.map_age > MAP_EVERY || is_event;
         let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
         self.usual = if self.count <= 2 { size } else { self.usual + step };
         record.clear();
@@ -301,6 +222,7 @@ impl Frames {
             single.begin(ops, &problem);
             if is_stale {
                 single.set_first_map(ops, &problem, scale, unchanged)?;
+                self.map_age = 1;
             } else {
                 single.data.assign(&problem, ops, &single.state)?;
             }

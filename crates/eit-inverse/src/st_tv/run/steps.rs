@@ -3,7 +3,8 @@
 use super::super::iterate::Pace;
 use super::super::lanes::Project;
 use super::super::schedule::{CLOCK, SMOOTHING};
-use super::super::step::{self, MapSize, Travel};
+use super::super::step::{self, MapSize};
+use super::super::travel::Travel;
 use super::{Limits, Run};
 use crate::InverseError;
 
@@ -120,10 +121,11 @@ impl<T: Project> Run<'_, T> {
 
     /// Increases the steps if the image travels further than the duals, and decreases them in the opposite case.
     pub(super) fn balance(&mut self) {
-        let now = Travel::from(&self.state);
-        let before = self.travel.replace(now);
-        let (Some(before), Some(now)) = (before, &self.travel) else { return };
-        let ratio = now.ratio(&before, &self.state);
+        let Some(travel) = &mut self.travel else {
+            self.travel = Some(Travel::from(&self.state));
+            return;
+        };
+        let ratio = travel.ratio(&self.state);
         let factor = ratio.sqrt().clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
         if (1.0 / LEAST_CHANGE..LEAST_CHANGE).contains(&factor) {
             return;
