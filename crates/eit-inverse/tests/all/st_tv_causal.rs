@@ -346,6 +346,7 @@ fn frames_that_are_not_linked_have_the_optimum_of_a_sequence_of_one() {
                 for f in (8..14).chain(34..40) {
                     let (dv, good) = (scene.frame(f, &mut random), some(f));
                     let step = stream.push(&dv, Some(&good)).unwrap();
+                    // constrained frames with bounds do not always converge within the cap, linked or not
                     let is_hard = lower_s == 0.0 && fidelity != Fidelity::Penalised;
                     let is_solved = step.quiet || step.status == SequenceStatus::Converged;
                     assert!(is_solved || is_hard, "frame {f}: {:?}", step.certificate);
