@@ -20,7 +20,7 @@ use crate::model::Grain;
 use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use ndarray::{ArrayViewMut2, Axis};
+use ndarray::{Array2, ArrayViewMut2, Axis};
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
@@ -161,9 +161,44 @@ impl Moves {
     }
 }
 
+/// Derivatives with respect to `S22 - S11` and `-2 S12` of each triangle ([`strain`]), [product, 2 triangle + component], for
+/// the first measurement of each product.
+pub(crate) fn shears(solved: &SolvedFields<'_>) -> Array2<f64> {
+    let fields = &solved.model.fields;
+    let elements: Vec<usize> = (0..solved.conductivity_s.len()).collect();
+    let mut jacobian = Array2::zeros((fields.products.len(), 2 * elements.len()));
+    let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
+    for elements in elements.chunks(BLOCK) {
+        gather(solved, elements, &mut gradients);
+        for (product, mut row) in fields.products.iter().zip(jacobian.rows_mut()) {
+            let factor = product.data.first().map_or(0.0, |first| first.1);
+            for (i, &e) in elements.iter().enumerate() {
+                let scale = -factor * solved.conductivity_s[e];
+                let shear = shear(solved, product.fields, &gradients, i);
+                (0..2).for_each(|k| row[2 * e + k] = scale * shear[k]);
+            }
+        }
+    }
+    jacobian
+}
+
+/// The products of two fields that a shear of the `i`th gathered triangle changes.
+fn shear(solved: &SolvedFields<'_>, of: [u32; 2], gradients: &[f64], i: usize) -> [f64; 2] {
+    let slots = &solved.model.fields.slots;
+    let [f, g] = of.map(|field| {
+        let at = slots[field as usize] as usize * 2 * BLOCK + i;
+        [gradients[at], gradients[at + BLOCK]]
+    });
+    [f[0] * g[0] - f[1] * g[1], f[0] * g[1] + f[1] * g[0]]
+}
+
 /// Computes `S22 - S11` and `-2 S12` of a triangle whose corners move, in the frame of its first
 /// edge; of an anisotropic one after its map ([`Grain::mapped`]).
-fn strain(corners: [Vector; 3], vectors: [Vector; 3], grain: Option<&Grain>) -> [f64; 2] {
+pub(crate) fn strain(
+    corners: [Vector; 3],
+    vectors: [Vector; 3],
+    grain: Option<&Grain>,
+) -> [f64; 2] {
     let mut edges = [1, 2].map(|k| sub(corners[k], corners[0]));
     let mut moves = [1, 2].map(|k| sub(vectors[k], vectors[0]));
     if let Some(grain) = grain {
@@ -194,13 +229,8 @@ fn add_elements(solved: &SolvedFields<'_>, strained: &[usize], strains: &[f64], 
         gather(solved, elements, &mut gradients);
         let width = 2 * elements.len();
         for (product, out) in fields.products.iter().zip(of_products.chunks_exact_mut(width)) {
-            let [f, g] = product.fields.map(|field| {
-                let slot = fields.slots[field as usize] as usize;
-                gradients[slot * 2 * BLOCK..][..2 * BLOCK].split_at(BLOCK)
-            });
             for (i, out) in out.chunks_exact_mut(2).enumerate() {
-                out[0] = f.0[i] * g.0[i] - f.1[i] * g.1[i];
-                out[1] = f.0[i] * g.1[i] + f.1[i] * g.0[i];
+                out.copy_from_slice(&shear(solved, product.fields, &gradients, i));
             }
         }
         for (&e, out) in elements.iter().zip(of_block.chunks_exact_mut(2 * count)) {

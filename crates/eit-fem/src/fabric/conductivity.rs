@@ -49,6 +49,21 @@ impl Elements {
         }
     }
 
+    /// Elements that may hold a place, seen from +z.
+    pub(crate) fn near(&self, [x, y]: [f64; 2]) -> impl Iterator<Item = usize> {
+        let middles = self.middles.iter().enumerate();
+        // twice as far as needed: rounding excludes none
+        let is_near = move |(m, size): &([f64; 3], f64)| {
+            (m[0] - x).abs() <= 2.0 * size && (m[1] - y).abs() <= 2.0 * size
+        };
+        middles.filter(move |(_, middle)| is_near(middle)).map(|(element, _)| element)
+    }
+
+    /// Centroid of an element, and the largest distance of a corner from it.
+    pub(crate) fn middle(&self, element: usize) -> ([f64; 3], f64) {
+        self.middles[element]
+    }
+
     /// Computes the mean drive of each element under the touches.
     pub(crate) fn drives_into(&self, touches: &[Placed], law: &PiezoLaw, drives: &mut [f64]) {
         for ((drive, (middle, size)), corners) in
@@ -85,7 +100,7 @@ fn together(touches: &[Placed], place: [f64; 3]) -> Dent {
 }
 
 /// Centroids of the sixteen equal triangles that subdivide a triangle.
-fn sixteenths(corners: &[[f64; 3]; 3]) -> impl Iterator<Item = [f64; 3]> {
+pub(super) fn sixteenths(corners: &[[f64; 3]; 3]) -> impl Iterator<Item = [f64; 3]> {
     let [a, b, c] = *corners;
     let place = move |i: usize, j: usize, third: f64| {
         let (u, v) = ((i as f64 + third) / 4.0, (j as f64 + third) / 4.0);

@@ -161,19 +161,26 @@ impl Indentation {
         (slope <= 1.0).then_some(dent)
     }
 
+    /// Length over which the dent decays, metres.
+    pub(super) fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
     /// Returns the local effect at a distance from the centre, metres.
     pub fn at(&self, distance_m: f64) -> Dent {
+        self.at_by(distance_m, &k_scaled)
+    }
+
+    /// Like [`Indentation::at`], with functions `exp(x) [K0(x), K1(x)]` of the caller's.
+    #[inline]
+    pub(super) fn at_by(&self, distance_m: f64, k: &impl Fn(f64) -> [f64; 2]) -> Dent {
         let inside = distance_m <= self.contact_radius_m;
         let (deflection_m, slope, area_m2, g) = match (inside, self.tip) {
-            (false, _) => self.outside(distance_m),
+            (false, _) => self.outside(distance_m, k),
             (true, Tip::Round) => self.under_round(distance_m),
             (true, Tip::Flat) => self.under_flat(distance_m),
         };
-        let pressure_pa = match (inside, self.tip) {
-            (false, _) => 0.0,
-            (true, Tip::Flat) => self.pressure_pa,
-            (true, Tip::Round) => self.pressure_pa + self.foundation_pa_per_m * deflection_m,
-        };
+        let pressure_pa = self.pressure_pa(distance_m, deflection_m);
         let nu = self.poisson_ratio;
         let inward = if distance_m > 0.0 { area_m2 / distance_m } else { 0.0 };
         Dent {
@@ -185,11 +192,21 @@ impl Indentation {
         }
     }
 
+    /// Pressure at a distance where the deflection is this.
+    pub(super) fn pressure_pa(&self, distance_m: f64, deflection_m: f64) -> f64 {
+        match (distance_m <= self.contact_radius_m, self.tip) {
+            (false, _) => 0.0,
+            (true, Tip::Flat) => self.pressure_pa,
+            (true, Tip::Round) => self.pressure_pa + self.foundation_pa_per_m * deflection_m,
+        }
+    }
+
     /// Outside the contact area: deflection, slope, integral of s f from the centre, g.
-    fn outside(&self, r: f64) -> (f64, f64, f64, f64) {
+    #[inline]
+    fn outside(&self, r: f64, k: &impl Fn(f64) -> [f64; 2]) -> (f64, f64, f64, f64) {
         let (a, l) = (self.contact_radius_m, self.length_m);
         let (at, x) = (a / l, r / l);
-        let ([e0, e1], [k0, k1]) = (self.edge_k, k_scaled(x));
+        let ([e0, e1], [k0, k1]) = (self.edge_k, k(x));
         let fall = (at - x).exp();
         // relative to the edge: K0(x)/K0(A), K1(x)/K1(A)
         let (w, s) = (self.edge_m * fall * k0 / e0, self.slope * fall * k1 / e1);

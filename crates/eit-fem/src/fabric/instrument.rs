@@ -73,6 +73,15 @@ impl Channels {
         self.converter.map(|c| c[1])
     }
 
+    /// Changes the frame rate from a frame on; mains go on where they were.
+    pub(crate) fn set_rate(&mut self, frame: usize, from_hz: f64, to_hz: f64) {
+        for [_, turn, phase] in self.slow.iter_mut().filter_map(|sines| sines.first_mut()) {
+            let new = *turn * from_hz / to_hz;
+            *phase += (*turn - new) * frame as f64;
+            *turn = new;
+        }
+    }
+
     /// Turns the exact voltages of a frame into recorded ones and marks clipped values.
     pub(crate) fn measure(&self, frame: usize, values_v: &mut [f64], quality: &mut [TrueQuality]) {
         if let Some(gains) = &self.gains {
@@ -154,27 +163,43 @@ fn slow_sines(
     protocol.data().iter().map(|datum| channels[datum[1] as usize].clone()).collect()
 }
 
-/// Simulates which loose contacts are open in which frame: an alternating process that starts
-/// closed.
-pub(super) fn open_contacts(
-    settings: &Instrument,
-    frames: usize,
-    rate_hz: f64,
-    electrodes: usize,
-    seed: u64,
-) -> Vec<Vec<bool>> {
-    let mut open = vec![vec![false; electrodes]; frames];
-    for &number in settings.loose.iter().filter(|_| settings.loose_rate_hz > 0.0) {
-        let mut random = Purpose::Loose.stream(seed, number);
-        // waiting times of a Poisson process
-        let mut wait = |mean_s: f64| -mean_s * (-random.between(0.0, 1.0)).ln_1p();
-        let mut now_s = wait(1.0 / settings.loose_rate_hz);
-        while now_s * rate_hz < frames as f64 {
-            let until_s = now_s + wait(settings.loose_time_s);
-            let [from, to] = [now_s, until_s].map(|t| (t * rate_hz).ceil() as usize);
-            open[from.min(frames)..to.min(frames)].iter_mut().for_each(|f| f[number - 1] = true);
-            now_s = until_s + wait(1.0 / settings.loose_rate_hz);
-        }
+/// A loose contact: an alternating process that starts closed.
+pub(super) struct Loose {
+    /// Index of its electrode.
+    pub electrode: usize,
+    random: Random,
+    /// Mean times closed and open, seconds.
+    mean_s: [f64; 2],
+    /// When it opens next, or has opened last, and closes, seconds.
+    open_s: [f64; 2],
+}
+
+impl Loose {
+    /// The loose contacts of an instrument.
+    pub(crate) fn all(settings: &Instrument, seed: u64) -> Vec<Self> {
+        let mean_s = [1.0 / settings.loose_rate_hz, settings.loose_time_s];
+        let loose = settings.loose.iter().filter(|_| settings.loose_rate_hz > 0.0);
+        let new = |&number: &usize| {
+            let random = Purpose::Loose.stream(seed, number);
+            let mut loose = Self { electrode: number - 1, random, mean_s, open_s: [0.0; 2] };
+            loose.next();
+            loose
+        };
+        loose.map(new).collect()
     }
-    open
+
+    fn next(&mut self) {
+        // waiting times of a Poisson process
+        let mut wait = |mean_s: f64| -mean_s * (-self.random.between(0.0, 1.0)).ln_1p();
+        let from_s = self.open_s[1] + wait(self.mean_s[0]);
+        self.open_s = [from_s, from_s + wait(self.mean_s[1])];
+    }
+
+    /// Whether it is open after this many instants, `rate_hz` of them per second; ask in the order of time.
+    pub(crate) fn is_open(&mut self, instants: f64, rate_hz: f64) -> bool {
+        while instants >= self.open_s[1] * rate_hz {
+            self.next();
+        }
+        instants >= self.open_s[0] * rate_hz
+    }
 }

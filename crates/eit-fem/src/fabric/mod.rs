@@ -72,5 +72,5 @@ pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
 pub use settings::{
     Drift, FabricSettings, Instrument, LinearResponse, Membrane, Piezoresistance, Print, Rim, Weave,
 };
-pub use simulate::SimulationSettings;
+pub use simulate::{Contact, SimulatedFrame, SimulatedSkin, SimulationSettings};
 pub use truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};

@@ -126,6 +126,11 @@ impl Motion {
         }
     }
 
+    /// Fraction of the free displacement by which a node moves.
+    pub(crate) fn follows(&self, node: u32) -> f64 {
+        self.follows[node as usize]
+    }
+
     /// Computes the node positions under touches, metres.
     pub(crate) fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
         let places = self.nodes_m.iter().zip(&self.follows);
@@ -157,17 +162,14 @@ impl Motion {
         }
     }
 
-    /// Adds the change of ln(contact impedance) of each electrode to `logs`.
-    pub(crate) fn add_contacts(&self, touches: &[Placed], logs: &mut [f64]) {
-        if self.rim.contact_gain == 0.0 || touches.is_empty() {
+    /// Adds the change of ln(contact impedance) of each electrode to `logs`, where dents make a deflection, metres.
+    pub(crate) fn add_contacts(&self, deflection_m: impl Fn([f64; 3]) -> f64, logs: &mut [f64]) {
+        if self.rim.contact_gain == 0.0 {
             return;
         }
         for (log, nodes) in logs.iter_mut().zip(&self.electrodes) {
             for &(n, weight) in nodes {
-                let place = self.nodes_m[n as usize];
-                let deflection =
-                    |touch: &Placed| touch.dent.at(touch.distance_m(place)).deflection_m;
-                let deflection_m: f64 = touches.iter().map(deflection).sum();
+                let deflection_m = deflection_m(self.nodes_m[n as usize]);
                 *log -= self.rim.contact_gain * weight * deflection_m / self.length_m;
             }
         }

@@ -90,6 +90,18 @@ pub struct Touch {
     pub direction: [f64; 2],
 }
 
+impl Touch {
+    /// Sets the direction of the movement from where the finger was a frame before.
+    pub(super) fn turn(&mut self, before: &Self) {
+        let [x, y] = [0, 1].map(|k| self.position_m[k] - before.position_m[k]);
+        let step_m = x.hypot(y);
+        // a step below a micrometre is rounding; the finger is at rest
+        if step_m > 1e-6 {
+            self.direction = [x / step_m, y / step_m];
+        }
+    }
+}
+
 impl Finger {
     /// Returns the touch at a time, or `None` if the finger does not touch.
     fn at(&self, time_s: f64) -> Option<Touch> {
@@ -129,12 +141,7 @@ impl TouchScript {
         let now = |finger: &Finger| {
             let mut touch = at(finger, time)?;
             if let Some(before) = at(finger, time - 1.0).filter(|_| time >= 1.0) {
-                let [x, y] = [0, 1].map(|k| touch.position_m[k] - before.position_m[k]);
-                let step_m = x.hypot(y);
-                // a step below a micrometre is rounding; the finger is at rest
-                if step_m > 1e-6 {
-                    touch.direction = [x / step_m, y / step_m];
-                }
+                touch.turn(&before);
             }
             Some(touch)
         };
@@ -161,14 +168,16 @@ impl TouchScript {
         for finger in &self.fingers {
             for (k, key) in finger.keys.iter().enumerate() {
                 let place = || format!("at key {k}");
-                Seat::require(surface, finger.id, place, key.time_s, key.position_m)?;
+                let seat = Seat::on(surface, key.position_m);
+                Seat::require(seat, finger.id, place, key.time_s, key.position_m)?;
             }
         }
         // paths between keys may leave a non-convex skin
         for frame in 0..self.frames {
             for Touch { finger, position_m, .. } in self.touches(frame) {
                 let (place, time_s) = (|| "between keys".to_owned(), frame as f64 / rate);
-                Seat::require(surface, finger, place, time_s, position_m)?;
+                let seat = Seat::on(surface, position_m);
+                Seat::require(seat, finger, place, time_s, position_m)?;
             }
         }
         Ok(())

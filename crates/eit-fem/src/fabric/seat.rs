@@ -20,8 +20,17 @@ pub(super) struct Seat {
 
 impl Seat {
     /// The highest place of the surface with this x and y; `None` if there is none that is seen from +z.
-    pub(crate) fn on(surface: &Surface, [x, y]: [f64; 2]) -> Option<Self> {
-        let seats = (0..surface.triangles().len()).filter_map(|t| {
+    pub(crate) fn on(surface: &Surface, place: [f64; 2]) -> Option<Self> {
+        Self::among(surface, 0..surface.triangles().len(), place)
+    }
+
+    /// [`Seat::on`] where only these triangles can be at the place.
+    pub(super) fn among(
+        surface: &Surface,
+        triangles: impl Iterator<Item = usize>,
+        [x, y]: [f64; 2],
+    ) -> Option<Self> {
+        let seats = triangles.filter_map(|t| {
             let corners = surface.corners(t);
             if !sides(corners, [x, y]).iter().all(|side| *side >= 0.0) {
                 return None;
@@ -37,15 +46,13 @@ impl Seat {
 
     /// The place of a finger, which must be on the surface.
     pub(crate) fn require(
-        surface: &Surface,
+        seat: Option<Self>,
         finger: u32,
         place: impl FnOnce() -> String,
         time_s: f64,
-        position_m: [f64; 2],
+        [x_m, y_m]: [f64; 2],
     ) -> Result<Self, FemError> {
-        let [x_m, y_m] = position_m;
-        let off = || FemError::OutsideSkin { finger, place: place(), time_s, x_m, y_m };
-        Self::on(surface, position_m).ok_or_else(off)
+        seat.ok_or_else(|| FemError::OutsideSkin { finger, place: place(), time_s, x_m, y_m })
     }
 
     /// The place beside this one in its tangent plane.

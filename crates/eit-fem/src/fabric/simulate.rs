@@ -1,16 +1,20 @@
 //! Simulation of a script: the memory of the fabric is updated frame by frame, solves run in
 //! parallel.
 
+mod clock;
+mod course;
 mod instant;
+mod linearised;
 mod plan;
 mod results;
 mod settings;
+mod simulated_skin;
 
 pub use settings::SimulationSettings;
+pub use simulated_skin::{Contact, SimulatedFrame, SimulatedSkin};
 
 use super::contact::Indentation;
 use super::fabric_model::Fabric;
-use super::instrument::Channels;
 use super::motion::{Placed, ring};
 use super::print::Ellipse;
 use super::script::{Touch, TouchScript};
@@ -18,10 +22,11 @@ use super::seat::Seat;
 use super::settings::FabricSettings;
 use super::truth::Simulation;
 use crate::error::FemError;
+use course::{Course, Response};
 use eit_mesh::Raster;
-use instant::{Instant, Worker, each, follow, remember};
+use instant::{Instant, Worker, each};
 use plan::Plan;
-use results::true_touches;
+use results::View;
 use std::f64::consts::PI;
 use std::time;
 
@@ -50,57 +55,44 @@ impl Fabric {
     ) -> Result<Simulation, FemError> {
         let start = time::Instant::now();
         self.check(script, raster, settings)?;
-        let plan = self.plan(script, raster, settings.seed);
-        let dents = self.dents(script, &plan)?;
-        let mut workers: Vec<Worker> =
-            (0..settings.threads.min(CHUNK)).map(|_| self.worker()).collect::<Result<_, _>>()?;
-        let (reference_v, untouched) = self.untouched(&plan, &mut workers[0])?;
-        let protocol = self.model.protocol();
-        let instrument = &self.settings.instrument;
-        let (reference, rate_hz) = (reference_v.to_vec(), script.frame_rate_hz);
-        let channels = Channels::new(instrument, protocol, &reference, rate_hz, settings.seed);
-        let mut made = self.empty(script, &plan, settings, reference_v, untouched);
-        made.report.range_v = channels.range_v();
-        made.truth.noise_std_v = channels.noise_std_v(protocol.measurements()).into();
-        let mut memory = vec![0.0; plan.law.memory() * self.model.elements()];
-        let n = plan.per_frame;
-        // the first is the last of the chunk before
-        let mut instants: Vec<Instant> =
-            (0..=n * CHUNK.min(script.frames)).map(|_| self.instant(raster)).collect();
+        let rate_hz = script.frame_rate_hz;
+        let clock = self.clock(rate_hz);
+        let n = clock.per_frame;
+        // all of them before any work
+        let at = |k| {
+            self.dents(&script.touches_at(clock.time(k)), clock.time(k) / rate_hz, settings.seed)
+        };
+        let dents = (0..n * script.frames).map(at).collect::<Result<Vec<_>, _>>()?;
+        let view = View::new(raster, self.mesh.surface());
+        let sizes = (CHUNK.min(script.frames), raster.masked_pixels().len());
+        let mut course = Course::new(self, (rate_hz, settings.seed), sizes, |_| {
+            let workers = (0..settings.threads.min(CHUNK)).map(|_| self.worker());
+            Ok(Response::Full(workers.collect::<Result<_, _>>()?))
+        })?;
+        let mut made = self.empty(script.frames, &view, &course, settings);
         for first in (0..script.frames).step_by(CHUNK) {
             let count = CHUNK.min(script.frames - first);
-            let chunk = &mut instants[1..=n * count];
-            for (instant, index) in chunk.iter_mut().zip(n * first..) {
-                instant.index = index;
-                instant.touches = script.touches_at(plan.times[index]);
-                instant.dents.clone_from(&dents[index]);
+            for (instant, dents) in course.next(count).iter_mut().zip(&dents[n * first..]) {
+                instant.touches = script.touches_at(instant.time);
+                instant.dents.clone_from(dents);
             }
-            self.conductivities(&plan, &mut workers, chunk, &mut memory);
-            each(&mut workers, chunk, |worker, instant| {
-                instant.error = self.solve(&plan, worker, instant).err();
-            });
-            if let Some(error) = chunk.iter_mut().find_map(|instant| instant.error.take()) {
-                return Err(error);
+            course.solve(self, count, Some(&view))?;
+            for ahead in 0..count {
+                let (measured, instant, untouched_s) = course.measure(self, ahead);
+                self.keep(&view, untouched_s, measured, instant, &mut made)?;
             }
-            if first == 0 {
-                instants[0] = instants[1].clone();
-            }
-            for k in 0..count {
-                let scan = &mut instants[n * k..=n * (k + 1)];
-                self.keep(&plan, &channels, first + k, scan, &mut made)?;
-            }
-            instants.swap(0, n * count);
+            course.pass(count);
             progress(first + count);
         }
-        made.truth.touches = true_touches(&plan, script, &dents);
         made.report.time_s = start.elapsed().as_secs_f64();
         Ok(made)
     }
 
-    /// Computes the conductivities of frames from their touches and the memory of each element.
-    fn conductivities(
+    /// Computes drives or, with the memory of each element, changes of ln(conductivity) from the touches of instants; on
+    /// a linear skin relative changes.
+    fn changes(
         &self,
-        plan: &Plan<'_>,
+        plan: &Plan,
         workers: &mut [Worker],
         instants: &mut [Instant],
         memory: &mut [f64],
@@ -108,13 +100,12 @@ impl Fabric {
         if let Some(linear) = &self.settings.linear {
             return each(workers, instants, |_, instant| {
                 self.elements.changes_into(linear, &instant.touches, &mut instant.elements);
-                follow(plan, instant);
             });
         }
         each(workers, instants, |_, instant| {
             self.elements.drives_into(&instant.dents, &plan.law, &mut instant.elements);
         });
-        instants.iter_mut().for_each(|instant| remember(plan, instant, memory));
+        instants.iter_mut().for_each(|instant| plan.remember(instant, memory));
     }
 
     /// Validates the input before any work.
@@ -130,30 +121,28 @@ impl Fabric {
         FemError::require("threads", settings.threads as f64, settings.threads > 0, "at least 1")
     }
 
-    /// Computes the dents of every instant; none on a linear skin.
-    fn dents(&self, script: &TouchScript, plan: &Plan<'_>) -> Result<Vec<Vec<Placed>>, FemError> {
+    /// Computes the dents of touches; none on a linear skin.
+    fn dents(&self, touches: &[Touch], time_s: f64, seed: u64) -> Result<Vec<Placed>, FemError> {
         if self.settings.linear.is_some() {
-            return Ok(vec![Vec::new(); plan.times.len()]);
+            return Ok(Vec::new());
         }
         let FabricSettings { membrane, print, piezo, .. } = &self.settings;
-        let place = |time_s: f64, touch: &Touch| {
+        let place = |touch: &Touch| {
             let Touch { finger, tip, force_n, radius_m, direction, .. } = *touch;
             let nu = membrane.poisson_ratio;
             let drag_m = membrane.friction * force_n * (1.0 + nu) * (3.0 - nu)
                 / (4.0 * PI * membrane.stiffness_n_per_m);
             let too_large = FemError::ForceTooLarge { finger, time_s, force_n, radius_m };
             let dent = Indentation::new(membrane, tip, radius_m, force_n).ok_or(too_large)?;
-            let Ellipse { centre_m, axis, stretch } = print.at(touch, time_s, plan.seed);
+            let Ellipse { centre_m, axis, stretch } = print.at(touch, time_s, seed);
             let seen = || "as its print rolls, seen from +z".to_owned();
-            let seat = Seat::require(self.mesh.surface(), finger, seen, time_s, centre_m)?;
+            let near = self.elements.near(centre_m);
+            let seat = Seat::among(self.mesh.surface(), near, centre_m);
+            let seat = Seat::require(seat, finger, seen, time_s, centre_m)?;
             let ring = ring(piezo, &dent, membrane.length_m());
             let drag_m = seat.tangent(direction).map(|d| d * drag_m);
             Ok(Placed { seat, dent, drag_m, ring, axis: seat.tangent(axis), stretch })
         };
-        let at = |time: &f64| {
-            let time_s = time / script.frame_rate_hz;
-            script.touches_at(*time).iter().map(|touch| place(time_s, touch)).collect()
-        };
-        plan.times.iter().map(at).collect()
+        touches.iter().map(place).collect()
     }
 }

@@ -138,6 +138,13 @@ impl Solution<'_> {
         movement::fill(&solved, displacements, jacobian.view_mut());
         Ok(jacobian)
     }
+
+    /// Derivatives with respect to shears of the elements, one row per set of measurements ([`movement::shears`]).
+    pub(crate) fn shear_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
+        let (solved, _) = self.solved_fields();
+        check_linear(solved.model, "derivatives along shears")?;
+        Ok(movement::shears(&solved))
+    }
 }
 
 fn check_linear(model: &ForwardModel, what: &'static str) -> Result<(), FemError> {

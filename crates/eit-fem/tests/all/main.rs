@@ -26,6 +26,8 @@ mod fabric_parts;
 mod fabric_paths;
 #[cfg(feature = "fabric")]
 mod fabric_rough;
+#[cfg(feature = "fabric")]
+mod fabric_step;
 mod geometry;
 mod jacobian;
 mod mesh_choice;

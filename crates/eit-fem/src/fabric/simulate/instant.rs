@@ -1,6 +1,7 @@
 //! One instant: move the nodes, solve, and compute exact voltages. A frame has one instant, or several if its scan takes time.
 
 use super::plan::Plan;
+use super::results::View;
 use crate::error::FemError;
 use crate::fabric::conductivity::pressures_into;
 use crate::fabric::fabric_model::Fabric;
@@ -9,20 +10,23 @@ use crate::fabric::motion::Placed;
 use crate::fabric::pixels::pixel_means_into;
 use crate::fabric::script::Touch;
 use crate::model::Geometry;
-use crate::solve::{SolveReport, Workspace};
+use crate::solve::Workspace;
 use eit_core::vector::{dot, normal, unit};
-use eit_mesh::Raster;
-use ndarray::{Array1, Array2, ArrayView1};
+use ndarray::{Array2, ArrayView1};
 
 /// Intermediate results of one instant.
 #[derive(Clone)]
 pub(super) struct Instant {
-    /// Index in [`Plan::times`].
-    pub index: usize,
+    /// Time in frames and in seconds, and the number of its frame.
+    pub time: f64,
+    pub time_s: f64,
+    pub frame: usize,
+    /// Which contacts are open.
+    pub open: Vec<bool>,
     /// Touches and their dents; a linear skin has no dents.
     pub touches: Vec<Touch>,
     pub dents: Vec<Placed>,
-    /// For each element: first the drive or relative change, later the conductivity.
+    /// For each element: first the drive or relative change, then the change of ln(conductivity), then the conductivity.
     pub elements: Vec<f64>,
     pub contact_impedance: Vec<f64>,
     pub shifts_m: Vec<[f64; 3]>,
@@ -50,16 +54,20 @@ impl Fabric {
         })
     }
 
-    pub(super) fn instant(&self, raster: &Raster) -> Instant {
+    /// An instant, with the mean pressure of so many pixels.
+    pub(super) fn instant(&self, pixels: usize) -> Instant {
         let electrodes = self.contact_impedance.len();
         Instant {
-            index: 0,
+            time: 0.0,
+            time_s: 0.0,
+            frame: 0,
+            open: vec![false; electrodes],
             touches: Vec::new(),
             dents: Vec::new(),
             elements: vec![0.0; self.model.elements()],
             contact_impedance: vec![0.0; electrodes],
             shifts_m: vec![[0.0; 3]; electrodes],
-            pixels_pa: vec![0.0; raster.masked_pixels().len()],
+            pixels_pa: vec![0.0; pixels],
             voltages_v: vec![0.0; self.model.protocol().measurements()],
             limited: vec![false; self.model.protocol().stimulations_a().nrows()],
             area_ratio: 1.0,
@@ -67,39 +75,34 @@ impl Fabric {
         }
     }
 
-    /// Voltages of the untouched skin with all contacts intact.
-    pub(super) fn untouched(
-        &self,
-        plan: &Plan<'_>,
-        worker: &mut Worker,
-    ) -> Result<(Array1<f64>, SolveReport), FemError> {
-        let mut solution = self.model.solve(&plan.untouched_s, &mut worker.workspace)?;
-        Ok((solution.measurements(), solution.report()))
-    }
-
     /// Moves the nodes, solves, and computes exact voltages.
     pub(super) fn solve(
         &self,
-        plan: &Plan<'_>,
+        plan: &Plan,
+        view: Option<&View<'_>>,
         worker: &mut Worker,
         instant: &mut Instant,
     ) -> Result<(), FemError> {
         let Worker { workspace, geometry, nodes_m } = worker;
+        plan.conduct(self.settings.linear.is_some(), instant);
         for (log, drift) in instant.contact_impedance.iter_mut().zip(&plan.contact_drift) {
-            *log = drift[instant.index];
+            *log = drift.at(instant.time_s);
         }
-        self.motion.add_contacts(&instant.dents, &mut instant.contact_impedance);
+        if !instant.dents.is_empty() {
+            let at = |touch: &Placed, place| touch.dent.at(touch.distance_m(place)).deflection_m;
+            let sum = |place| instant.dents.iter().map(|touch| at(touch, place)).sum();
+            self.motion.add_contacts(sum, &mut instant.contact_impedance);
+        }
         let instrument = &self.settings.instrument;
         for (l, z) in instant.contact_impedance.iter_mut().enumerate() {
-            let open = plan.open[instant.index][l] || instrument.lost.contains(&(l + 1));
+            let open = instant.open[l] || instrument.lost.contains(&(l + 1));
             let factor = if open { instrument.open_factor } else { 1.0 };
             *z = if *z == 0.0 { 1.0 } else { z.exp() } * factor * self.contact_impedance[l];
         }
         let touches = if self.motion.moves { instant.dents.as_slice() } else { &[] };
         self.motion.nodes_into(touches, nodes_m);
         self.motion.shifts_into(nodes_m, &mut instant.shifts_m);
-        let frame = plan.times[instant.index].round() as usize;
-        instant.area_ratio = self.area_ratio(frame, nodes_m)?;
+        instant.area_ratio = self.area_ratio(instant.frame, nodes_m)?;
         self.model.deform(nodes_m, &instant.contact_impedance, geometry)?;
         let solution = self.model.solve_deformed(geometry, &instant.elements, workspace)?;
         solution.measurements_into(&mut instant.voltages_v)?;
@@ -112,13 +115,12 @@ impl Fabric {
                 self.limit(compliance_v, &potentials, instant);
             }
         }
+        let Some(View { raster, seats }) = view else { return Ok(()) };
         match self.settings.linear {
-            None => {
-                pressures_into(plan.raster, &plan.seats, &instant.dents, &mut instant.pixels_pa);
-            }
+            None => pressures_into(raster, seats, &instant.dents, &mut instant.pixels_pa),
             Some(_) => {
                 let at = |place| linear::pressure_pa(&instant.touches, place);
-                pixel_means_into(plan.raster, at, &mut instant.pixels_pa);
+                pixel_means_into(raster, at, &mut instant.pixels_pa);
             }
         }
         Ok(())
@@ -191,29 +193,29 @@ pub(super) fn each(
     });
 }
 
-/// Converts relative changes to conductivities, without memory.
-pub(super) fn follow(plan: &Plan<'_>, instant: &mut Instant) {
-    let drift = plan.sheet_drift[instant.index].exp();
-    for (value, untouched) in instant.elements.iter_mut().zip(&plan.untouched_s) {
-        *value = untouched * (1.0 + *value) * drift;
+impl Plan {
+    /// Converts drives to changes of ln(conductivity), with the memory of each element.
+    pub(super) fn remember(&self, instant: &mut Instant, memory: &mut [f64]) {
+        let size = self.law.memory();
+        let drift = self.sheet_drift.at(instant.time_s);
+        for (e, value) in instant.elements.iter_mut().enumerate() {
+            *value = drift + self.law.step(*value, &mut memory[e * size..(e + 1) * size]);
+        }
     }
-    warm(plan, instant);
-}
 
-/// Warms the sheet.
-fn warm(plan: &Plan<'_>, instant: &mut Instant) {
-    for (value, warming) in instant.elements.iter_mut().zip(&plan.warming) {
-        *value *= (plan.times[instant.index] * warming).exp();
+    /// Converts changes to conductivities, relative ones on a linear skin and else those of the logarithm, and warms
+    /// the sheet.
+    fn conduct(&self, is_linear: bool, instant: &mut Instant) {
+        let drift = self.sheet_drift.at(instant.time_s).exp();
+        for (value, untouched) in instant.elements.iter_mut().zip(&self.untouched_s) {
+            *value = match is_linear {
+                true => untouched * (1.0 + *value) * drift,
+                false if *value == 0.0 => *untouched,
+                false => untouched * value.exp(),
+            };
+        }
+        for (value, warmth) in instant.elements.iter_mut().zip(self.warmth(instant.time)) {
+            *value *= warmth.exp();
+        }
     }
-}
-
-/// Converts drives to conductivities, with the memory of each element.
-pub(super) fn remember(plan: &Plan<'_>, instant: &mut Instant, memory: &mut [f64]) {
-    let size = plan.law.memory();
-    let drift = plan.sheet_drift[instant.index];
-    for (e, (value, untouched)) in instant.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
-        let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
-        *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
-    }
-    warm(plan, instant);
 }
