@@ -1,7 +1,7 @@
 //! Simulated instrument: from exact voltages to recorded values.
 //!
 //! Each channel has its own gain and noise; the converter then rounds and clips. (The compliance
-//! limit of the current source applies before, in `simulate/frame.rs`.) Effects of zero amplitude
+//! limit of the current source applies before, in `simulate/instant.rs`.) Effects of zero amplitude
 //! are not computed.
 
 use super::settings::Instrument;

@@ -217,15 +217,15 @@ fn linearised_frames_are_near_solved_ones() {
         quiet(s);
         s.linear = Some(LinearResponse { change_per_newton: 0.02 });
     };
-    // measured 0.006, 0.04, 0.05 and 0.002; strains of solved frames are those of the mesh, of linearised ones exact
-    let cases: [(&str, &dyn Fn(&mut FabricSettings), f64); 4] = [
-        ("nodes at rest", &still, 0.02),
-        ("fabric", &quiet, 0.08),
-        ("knit", &knit, 0.1),
-        ("linear", &linear, 0.01),
+    // measured 0.006, 0.06, 0.09 and 0.001: strains of solved frames are those of elements of 7 mm, a contact's radius,
+    // and those of linearised ones are exact
+    let cases = [
+        ("nodes at rest", fabric(&mesh, still), 0.02),
+        ("fabric", fabric(&mesh, quiet), 0.1),
+        ("knit", fabric(&mesh, knit), 0.15),
+        ("linear", fabric(&mesh, linear), 0.01),
     ];
-    for (name, change, bound) in cases {
-        let fabric = fabric(&mesh, |s| change(s));
+    for (name, fabric, bound) in cases {
         for script in [script(&mesh, "paper-two-fingers", 45), script(&mesh, "stroking", 45)] {
             let distance = distance(&fabric, &script);
             println!("{name}, {}: {distance:.4}", script.name);

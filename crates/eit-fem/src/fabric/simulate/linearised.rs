@@ -28,7 +28,7 @@ use crate::fabric::bessel::KTable;
 use crate::fabric::conductivity::sixteenths;
 use crate::fabric::contact::Dent;
 use crate::fabric::fabric_model::Fabric;
-use crate::fabric::motion::Placed;
+use crate::fabric::motion::{Motion, Placed};
 use crate::fabric::settings::Instrument;
 use eit_core::vector::{Vector, along, cross, dot, norm, normal, scaled, sub, unit};
 use eit_mesh::{Electrode, Mesh};
@@ -141,8 +141,11 @@ impl Linearised {
             let drift = plan.sheet_drift.at(instant.time_s);
             instant.elements.iter_mut().for_each(|change| *change = change.ln_1p() + drift);
         } else {
-            let profiles: Vec<Profile<'_>> =
-                instant.dents.iter().map(|touch| Profile::new(touch, &self.bessel)).collect();
+            let profiles: Vec<Profile<'_>> = instant
+                .dents
+                .iter()
+                .map(|touch| Profile::new(touch, &fabric.motion, &self.bessel))
+                .collect();
             // with the widest registers
             Arch::new().dispatch(|| self.feel(fabric, plan, &profiles, &mut instant.elements));
             let at = |profile: &Profile<'_>, place| {
@@ -231,7 +234,7 @@ struct Profile<'a> {
 }
 
 /// What a dent does at a distance.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Felt {
     deflection_m: f64,
     slope: f64,
@@ -240,6 +243,8 @@ struct Felt {
     across: f64,
     /// How many times as large the sheet looks.
     looks: f64,
+    /// How far friction drags, over [`Placed::drag_m`].
+    dragged: f64,
 }
 
 /// A place seen from a touch.
@@ -253,12 +258,10 @@ struct From {
 }
 
 impl<'a> Profile<'a> {
-    fn new(touch: &'a Placed, bessel: &KTable) -> Self {
+    fn new(touch: &'a Placed, motion: &Motion, bessel: &KTable) -> Self {
         let half_m = 0.5 * touch.dent.length_m();
         // far away all is flat
-        let flat =
-            Felt { deflection_m: 0.0, slope: 0.0, areal_strain: 0.0, across: 0.0, looks: 1.0 };
-        let mut table = [flat; INTERVALS + 1];
+        let mut table = [Felt { looks: 1.0, ..Default::default() }; INTERVALS + 1];
         let (mut integral, mut former): (f64, Option<[f64; 2]>) = (0.0, None);
         for (k, entry) in table.iter_mut().enumerate().skip(1) {
             let r = half_m * (INTERVALS as f64 / k as f64 - 1.0);
@@ -272,7 +275,9 @@ impl<'a> Profile<'a> {
             former = Some([r, rate]);
             let looks = ratio * (-2.0 * integral).exp();
             let Dent { deflection_m, slope, areal_strain, .. } = dent;
-            *entry = Felt { deflection_m, slope, areal_strain, across, looks };
+            let near_m = r.max(touch.dent.contact_radius_m);
+            let dragged = (motion.half_m / near_m).ln().max(0.0);
+            *entry = Felt { deflection_m, slope, areal_strain, across, looks, dragged };
         }
         Self { touch, half_m, table }
     }
@@ -309,6 +314,7 @@ impl<'a> Profile<'a> {
             areal_strain: mix(a.areal_strain, b.areal_strain),
             across: mix(a.across, b.across),
             looks: mix(a.looks, b.looks),
+            dragged: mix(a.dragged, b.dragged),
         }
     }
 
@@ -335,26 +341,23 @@ impl Moved {
         let Felt { slope, across, areal_strain, .. } = *felt;
         let (r, offset_m, outward) = (from.distance_m, within(from.offset_m), within(from.outward));
         let bend = from.per_m * (areal_strain - 0.5 * slope * slope - 2.0 * across);
-        for i in 0..2 {
-            self.along_m[i] += across * offset_m[i];
-            self.gradient[i][i] += across;
-            self.slope[i] += slope * outward[i];
-            for j in 0..2 {
-                self.gradient[i][j] += bend * offset_m[i] * outward[j];
-            }
-        }
         self.deflection_m += felt.deflection_m;
-        let near_m = r.max(touch.dent.contact_radius_m);
-        if touch.drag_m == [0.0; 3] || near_m >= half_m {
-            return;
+        self.slope = [0, 1].map(|k| self.slope[k] + slope * outward[k]);
+        self.shift(offset_m, across, bend, outward);
+        self.gradient[0][0] += across;
+        self.gradient[1][1] += across;
+        if touch.drag_m != [0.0; 3] && r < half_m {
+            let fall = if r > touch.dent.contact_radius_m { -from.per_m } else { 0.0 };
+            self.shift(within(touch.drag_m), felt.dragged, fall, outward);
         }
-        let (drag_m, dragged) = (within(touch.drag_m), (half_m / near_m).ln());
-        for i in 0..2 {
-            self.along_m[i] += dragged * drag_m[i];
-            for j in 0..2 {
-                let fall = if r == near_m { outward[j] * from.per_m } else { 0.0 };
-                self.gradient[i][j] -= drag_m[i] * fall;
-            }
+    }
+
+    /// Adds a displacement along a vector, whose amount has the gradient `rise` along `outward`.
+    #[inline(always)]
+    fn shift(&mut self, along_m: [f64; 2], amount: f64, rise: f64, outward: [f64; 2]) {
+        for (i, part_m) in along_m.into_iter().enumerate() {
+            self.along_m[i] += amount * part_m;
+            self.gradient[i] = [0, 1].map(|j| self.gradient[i][j] + rise * part_m * outward[j]);
         }
     }
 
