@@ -5,9 +5,8 @@ use super::differences::Differences;
 use super::flow::Flow;
 use super::lanes::{Lane, Project, each, largest, load, splat, total};
 use super::problem::{Anchor, Problem};
-use pulp::{Simd, WithSimd};
 
-/// Computes the best bound of an anchored frame over the candidate scales.
+/// Bound of an anchored frame from these duals.
 pub(super) struct Best<'a, T: Project, D> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) anchor: Anchor<'a>,
@@ -18,12 +17,11 @@ pub(super) struct Best<'a, T: Project, D> {
     pub(super) rounding: f64,
 }
 
-impl<T: Project, D: Differences<f64>> WithSimd for Best<'_, T, D> {
-    type Output = Bound;
-
+impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
+    /// Returns the best bound over the candidate scales.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Bound {
-        let Self { problem, anchor, ratio, rounding, .. } = self;
+    pub(super) fn bound(&self) -> Bound {
+        let Self { problem, anchor, ratio, rounding, .. } = *self;
         let [constant, linear, square] = of_data(problem, self.dual);
         let linear = linear + self.along();
         let bounded = problem.bounds.is_some();
@@ -61,9 +59,7 @@ impl<T: Project, D: Differences<f64>> WithSimd for Best<'_, T, D> {
         }
         best
     }
-}
 
-impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
     /// Calls `call` for each unknown with `e = f + D' q`, the distances `lower - x^` and `upper - x^` to the
     /// bounds, and the radius.
     #[inline(always)]
@@ -106,7 +102,7 @@ impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
     #[inline(always)]
     fn along(&self) -> f64 {
         let mut sum: Lane<f64> = splat(0.0);
-        let [first, second] = &self.flow.flow;
+        let [first, second] = &self.flow.duals.flow;
         for &at in self.differences.group_blocks() {
             let [a, b] = self.differences.difference(self.anchor.image, at);
             let (qa, qb) = (load(first, at), load(second, at));

@@ -3,20 +3,19 @@
 //! Over 400 lines because all events act on one image and its unit.
 
 mod frame;
-mod record;
+mod proof;
 mod settings;
 
 use super::StTv;
 use super::data::{Seen, Target};
 use super::lanes::{LANES, Lane};
 use super::problem::{Anchor, Problem};
-use super::products::Analyse;
 use super::quiet::quiet_threshold;
-use super::settings::{Fidelity, StTvSettings};
+use super::settings::{Fidelity, StTvSettings, Weights};
+use super::units::{Units, radius};
 use crate::check::{check_length, check_range};
 use crate::{Certificate, InverseError, SequenceStatus};
-use frame::{End, Frames};
-use record::Record;
+use frame::Frames;
 pub use settings::{CausalDual, CausalSettings, CausalStep};
 use std::slice::from_ref;
 use std::time::Instant;
@@ -56,7 +55,6 @@ pub struct CausalStream {
     solver: StTv,
     settings: CausalSettings,
     frames: Frames,
-    record: Record,
     seen: Seen,
     target: Target,
     /// Constraint radius of the frame in internal units.
@@ -94,10 +92,9 @@ impl CausalStream {
         let target = Target { values: zeros(rank), rest_squared: 0.0, rest: zeros(measurements) };
         let (anchor, beta) = (zeros(cells), zeros(rank));
         let shape = problem(&solver, &settings, (&seen, &target, &0.0), (&anchor, &beta), 1.0);
-        let (frames, record) = (Frames::new(&shape, &solver.single), Record::new(&shape));
+        let frames = Frames::new(&shape, &solver.single);
         let mut this = Self {
             frames,
-            record,
             delta: 0.0,
             coefficients: zeros(rank),
             whitened: zeros(measurements),
@@ -123,8 +120,7 @@ impl CausalStream {
     /// Discards the image. The next frame is treated as the first one, with an anchor of zero, or of the
     /// value nearest to zero within the bounds.
     pub fn restart(&mut self) {
-        let [lower, upper] = self.bounds_s();
-        self.image.fill(0.0_f64.clamp(lower, upper));
+        self.image.fill(self.solver.settings.nearest_zero_s());
         self.frames.clear();
         self.set_anchor();
     }
@@ -139,7 +135,7 @@ impl CausalStream {
         for value in image {
             check_range("a value of the anchor, siemens", *value, value.is_finite(), "finite")?;
         }
-        let [lower, upper] = self.bounds_s();
+        let [lower, upper] = self.solver.settings.bounds_s();
         for (own, x) in self.image.iter_mut().zip(image) {
             *own = x.clamp(lower, upper);
         }
@@ -219,13 +215,22 @@ impl CausalStream {
             return Ok(self.rest(start));
         }
         self.innovate();
-        let Self { solver, settings, seen, target, delta, anchor, beta, .. } = self;
-        let one = if self.scale > 0.0 { self.scale } else { 1.0 };
+        let one = self.one();
+        let Self { solver, settings, seen, target, delta, anchor, beta, frames, .. } = self;
         let problem = problem(solver, settings, (seen, target, delta), (anchor, beta), one);
-        let (record, single) = (&mut self.record, &solver.single);
-        let end = self.frames.solve(problem, single, record, settings, start)?;
-        self.report(end);
-        Ok(self.step(end, start))
+        let status = frames.solve(&problem, &solver.single, settings, start)?;
+        self.report(status);
+        let (record, units) = (&self.frames.record, self.units());
+        let (primal, lower_bound) =
+            (record.primal * units.objective, record.lower_bound * units.objective);
+        Ok(CausalStep {
+            status,
+            iterations: record.iterations,
+            residual: record.misfit[0] * units.one,
+            quiet: false,
+            in_double: self.frames.proof.is_double,
+            ..self.step_without(Certificate { primal, lower_bound }, start)
+        })
     }
 
     /// Records a dropped frame: the previous image is held, or is that of no data if frames are not linked.
@@ -233,25 +238,15 @@ impl CausalStream {
         let start = Instant::now();
         self.pushed += 1;
         self.before.copy_from_slice(&self.image);
-        self.record.clear();
+        self.frames.clear_result();
         let is_linked = self.is_linked();
         if !is_linked {
             self.restart();
         }
-        CausalStep {
-            image: &self.image,
-            status: SequenceStatus::Direct,
-            iterations: 0,
-            // a held image solves nothing, so that its bounds are trivial; without data the objective is zero
-            certificate: Certificate {
-                primal: if is_linked { f64::INFINITY } else { 0.0 },
-                lower_bound: 0.0,
-            },
-            residual: 0.0,
-            quiet: !is_linked,
-            in_double: false,
-            seconds: start.elapsed().as_secs_f64(),
-        }
+        // a held image solves nothing, so that its bounds are trivial; without data the objective is zero
+        let primal = if is_linked { f64::INFINITY } else { 0.0 };
+        let step = self.step_without(Certificate { primal, lower_bound: 0.0 }, start);
+        CausalStep { quiet: !is_linked, ..step }
     }
 
     /// Returns the image to which the last frame was linked, siemens, `[unknown]`.
@@ -262,35 +257,26 @@ impl CausalStream {
     /// Returns the dual point of the last frame's lower bound; zero after a frame that needed no
     /// iteration. Allocates.
     pub fn dual(&self) -> CausalDual {
-        let (one, rows) = (self.one(), self.seen.rows);
+        let (units, proof) = (self.units(), &self.frames.proof);
         let gradient = &self.solver.gradient;
-        let dual = &self.record.dual[..rows];
-        let (share, data_unit, flow_unit) = match self.ball() {
-            None => (-1.0, one, self.solver.unit * one),
-            Some(ball) => {
-                let norm = dual.iter().map(|y| y * y).sum::<f64>().sqrt();
-                let share = if ball > 0.0 { -norm / ball.sqrt() } else { 0.0 };
-                let largest = largest_weight(&self.solver, &self.settings);
-                (share, largest / self.solver.unit, largest)
-            }
-        };
+        let dual = &proof.dual[..self.seen.rows];
+        let share = self.ball().map_or(-1.0, |ball| {
+            let norm = dual.iter().map(|y| y * y).sum::<f64>().sqrt();
+            if ball > 0.0 { -norm / ball.sqrt() } else { 0.0 }
+        });
         let mut data = vec![0.0; self.solver.measurements()];
         self.seen.spread(&self.solver.compression, dual, &self.target, share, &mut data);
-        data.iter_mut().for_each(|y| *y *= data_unit);
+        data.iter_mut().for_each(|y| *y /= units.weight * self.solver.unit);
         let mut flow = vec![0.0; gradient.rows()];
         let (components, operators) = (gradient.components(), &self.solver.skin.operators);
         for (group, own) in flow.chunks_exact_mut(components).enumerate() {
             let place = operators.basis.group_place(gradient, &operators.places, group);
             let size = operators.basis.group_size(place);
-            for (q, proven) in own.iter_mut().zip(&self.record.flow) {
-                *q = self.record.scale * proven[place] * flow_unit / size;
+            for (q, proven) in own.iter_mut().zip(&proof.flow) {
+                *q = proof.scale * proven[place] / (units.weight * size);
             }
         }
         CausalDual { data, flow }
-    }
-
-    fn bounds_s(&self) -> [f64; 2] {
-        [self.solver.settings.lower_s, self.solver.settings.upper_s]
     }
 
     fn is_linked(&self) -> bool {
@@ -300,6 +286,10 @@ impl CausalStream {
     /// Returns the internal unit of the data.
     fn one(&self) -> f64 {
         if self.scale > 0.0 { self.scale } else { 1.0 }
+    }
+
+    fn units(&self) -> Units {
+        Units::new(&self.solver, weights(&self.solver, &self.settings), self.one())
     }
 
     /// Returns the squared radius of the data constraint in the coordinates of the frame; `None` for
@@ -318,21 +308,14 @@ impl CausalStream {
         }
         let one = self.one();
         self.seen.take(compression, &self.whitened, one, &mut self.target);
-        let along = self.target.norm();
-        let least = self.target.rest_squared.sqrt() * one;
-        let settings = &self.solver.settings;
-        if let Fidelity::Constrained { delta } = settings.fidelity {
-            let delta = delta * (self.seen.count as f64 / self.solver.channels as f64).sqrt();
-            // a tiny remainder is rounding error of an exact fit
-            if least > delta && least > 1e-10 * (along * one + least) {
-                return Err(InverseError::DeltaTooSmall { frame: self.pushed, delta, least });
-            }
-            self.delta = delta / one;
-        }
-        let noise =
-            if settings.noise_std.is_some() { (self.seen.count as f64).sqrt() } else { 0.0 };
-        let nearest = settings.lower_s.max(0.0).max(-settings.upper_s.min(0.0));
-        let size = (along * one).max(noise).max(nearest * self.solver.unit);
+        let (along, settings) = (self.target.square().sqrt() * one, &self.solver.settings);
+        let norms = [self.target.rest_squared.sqrt() * one, along];
+        let place = (self.pushed, self.seen.count);
+        let delta = radius(&self.solver, settings.fidelity, place, norms)?;
+        self.delta = delta.map_or(0.0, |delta| delta / one);
+        let noise = settings.noise_std.as_ref().map_or(0.0, |_| (self.seen.count as f64).sqrt());
+        let nearest = settings.nearest_zero_s().abs();
+        let size = along.max(noise).max(nearest * self.solver.unit);
         let must = "below 1e150 in units of the noise";
         check_range("norm of the data", size, size.is_finite(), must)?;
         if size > 0.0 && (self.scale == 0.0 || size > OUTGROWN * self.scale) {
@@ -348,7 +331,7 @@ impl CausalStream {
 
     /// Computes the anchor and its coefficients from the image.
     fn set_anchor(&mut self) {
-        let per_image = self.solver.unit / self.one();
+        let per_image = self.units().image;
         for (&cell, x) in self.solver.skin.operators.places.cells.iter().zip(&self.image) {
             self.anchor[cell] = x * per_image;
         }
@@ -357,10 +340,8 @@ impl CausalStream {
     }
 
     fn renew_coefficients(&mut self) {
-        let ops = &self.solver.skin.operators;
-        let (x, sums, out) = (self.anchor.as_slice(), &mut self.sums, &mut self.coefficients);
-        let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums, out };
-        self.solver.skin.arch.dispatch(analyse);
+        let exact = &self.solver.skin.operators;
+        exact.analyse(&self.anchor, exact.padded, &mut self.sums, &mut self.coefficients);
     }
 
     /// Computes the innovation `t - F' V' x^`.
@@ -381,95 +362,74 @@ impl CausalStream {
         };
         let is_noise = self.square() <= threshold;
         self.quiet_frames = if is_noise { self.quiet_frames + 1 } else { 0 };
-        let zero_allowed = settings.lower_s <= 0.0 && settings.upper_s >= 0.0;
+        let zero_allowed = settings.nearest_zero_s() == 0.0;
         let is_long = !self.is_linked() || self.quiet_frames >= REST_AFTER;
         is_noise && zero_allowed && (is_zero || is_long)
     }
 
     /// Returns the squared norm of the data.
     fn square(&self) -> f64 {
-        let values = self.target.values.iter().map(|t| t * t).sum::<f64>();
-        (values + self.target.rest_squared) * self.one() * self.one()
+        (self.target.square() + self.target.rest_squared) * self.one() * self.one()
     }
 
     /// Returns the zero image of a skin at rest.
     fn rest(&mut self, start: Instant) -> CausalStep<'_> {
-        self.record.clear();
+        self.frames.clear_result();
         if self.image.iter().any(|x| *x != 0.0) {
             self.restart();
         }
         let square = self.square();
+        // the zero image is not proven optimal, but the data agrees with it to within the noise
         let primal = if self.ball().is_some() { 0.0 } else { 0.5 * square };
+        let step = self.step_without(Certificate { primal, lower_bound: 0.0 }, start);
+        CausalStep { residual: square.sqrt(), quiet: true, ..step }
+    }
+
+    /// Returns the result of a push without iterations.
+    fn step_without(&self, certificate: Certificate, start: Instant) -> CausalStep<'_> {
         CausalStep {
             image: &self.image,
             status: SequenceStatus::Direct,
             iterations: 0,
-            // the zero image is not proven optimal, but the data agrees with it to within the noise
-            certificate: Certificate { primal, lower_bound: 0.0 },
-            residual: square.sqrt(),
-            quiet: true,
+            certificate,
+            residual: 0.0,
+            quiet: false,
             in_double: false,
             seconds: start.elapsed().as_secs_f64(),
         }
     }
 
     /// Makes the new image the anchor.
-    fn report(&mut self, end: End) {
+    fn report(&mut self, status: SequenceStatus) {
         // without a feasible image, for example after a deadline, the previous image is held
-        if !self.record.primal.is_finite() {
+        let record = &self.frames.record;
+        if !record.primal.is_finite() {
             return;
         }
-        let per_image = self.one() / self.solver.unit;
-        let [lower, upper] = self.bounds_s();
-        let cells = &self.solver.skin.operators.places.cells;
-        for (&cell, out) in cells.iter().zip(&mut self.image) {
-            let d = self.record.change[cell];
+        let per_image = self.units().image;
+        let [lower, upper] = self.solver.settings.bounds_s();
+        let exact = &self.solver.skin.operators;
+        for (&cell, out) in exact.places.cells.iter().zip(&mut self.image) {
+            let d = record.change[cell];
             if d != 0.0 {
                 self.anchor[cell] += d;
                 // clip again, so that bounds hold exactly after scaling
-                *out = (self.anchor[cell] * per_image).clamp(lower, upper);
+                *out = (self.anchor[cell] / per_image).clamp(lower, upper);
             }
         }
-        if self.pushed.is_multiple_of(RENEW) || end != End::Proven {
+        if self.pushed.is_multiple_of(RENEW) || status != SequenceStatus::Converged {
             return self.renew_coefficients();
         }
-        let ops = &self.solver.skin.operators;
-        let (x, out) = (self.record.change.as_slice(), &mut self.moved);
-        let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums: &mut self.sums, out };
-        self.solver.skin.arch.dispatch(analyse);
+        exact.analyse(&record.change, exact.padded, &mut self.sums, &mut self.moved);
         let changes = self.coefficients.iter_mut().zip(&self.moved);
         changes.for_each(|(c, d)| *c += d);
     }
-
-    fn step(&self, end: End, start: Instant) -> CausalStep<'_> {
-        let one = self.one();
-        let objective = match self.ball() {
-            None => one * one,
-            Some(_) => largest_weight(&self.solver, &self.settings) * one / self.solver.unit,
-        };
-        CausalStep {
-            image: &self.image,
-            status: match end {
-                End::Proven => SequenceStatus::Converged,
-                End::Deadline => SequenceStatus::Deadline,
-                End::Vanished => SequenceStatus::Stalled,
-                End::Cap | End::GaveUp => SequenceStatus::IterationCap,
-            },
-            iterations: self.record.iterations,
-            certificate: Certificate {
-                primal: self.record.primal * objective,
-                lower_bound: self.record.lower_bound * objective,
-            },
-            residual: self.record.misfit * one,
-            quiet: false,
-            in_double: self.record.is_double,
-            seconds: start.elapsed().as_secs_f64(),
-        }
-    }
 }
 
-fn largest_weight(solver: &StTv, settings: &CausalSettings) -> f64 {
-    solver.settings.lambda_space.max(solver.settings.lambda_time * settings.time_share)
+/// Returns the weights of a frame.
+fn weights(solver: &StTv, settings: &CausalSettings) -> Weights {
+    let StTvSettings { lambda_space, lambda_time, fidelity, .. } = solver.settings;
+    Weights { lambda_space, lambda_time: lambda_time * settings.time_share, fidelity }
 }
 
 /// Returns the problem of a frame with its channels, data and radius, linked to an image with its innovation, where
@@ -481,26 +441,19 @@ fn problem<'a>(
     (image, beta): (&'a [f64], &'a [f64]),
     one: f64,
 ) -> Problem<'a> {
-    let StTvSettings { lambda_space, lambda_time, fidelity, lower_s, upper_s, .. } =
-        solver.settings;
-    let is_penalised = fidelity == Fidelity::Penalised;
-    let per_weight = match is_penalised {
-        true => 1.0 / (solver.unit * one),
-        false => 1.0 / largest_weight(solver, settings),
-    };
-    let per_image = solver.unit / one;
-    let bounds = [lower_s * per_image, upper_s * per_image];
-    let lambda = lambda_time * settings.time_share * per_weight;
+    let weights = weights(solver, settings);
+    let units = Units::new(solver, weights, one);
+    let is_penalised = weights.fidelity == Fidelity::Penalised;
     Problem {
         skin: &solver.skin,
         modes: from_ref(seen),
         mode_of: &[0],
         targets: from_ref(target),
         delta: (!is_penalised).then_some(from_ref(delta)),
-        lambda_space: lambda_space * per_weight,
+        lambda_space: weights.lambda_space * units.weight,
         lambda_time: 0.0,
-        anchor: Some(Anchor { lambda, image, beta }),
-        bounds: solver.settings.bounded().then_some(bounds),
+        anchor: Some(Anchor { lambda: weights.lambda_time * units.weight, image, beta }),
+        bounds: units.bounds,
         target_gap: settings.target_gap,
     }
 }

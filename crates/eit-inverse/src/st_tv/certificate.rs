@@ -26,7 +26,7 @@
 use super::anchored::Best;
 use super::bound::Bound;
 use super::differences::for_basis;
-use super::fit::DataSteps;
+use super::duals::convert;
 use super::flow::{Boxes, Flow};
 use super::iterate::LARGEST_WEIGHT;
 use super::lanes::{LANES, Project};
@@ -44,17 +44,6 @@ const OVER: f64 = 1.5;
 /// Squared singular value, relative to the largest, below which `y` hardly changes. 1e-7 takes as many iterations to
 /// 1e-3 and a tenth more to 1e-2, 1e-5 up to a twentieth more to 1e-3.
 const STIFF: f64 = 1e-6;
-
-/// Iterate from which a bound is computed, and images near the optimum.
-pub(crate) struct Iterate<'a, T: Project> {
-    pub(crate) ops: &'a Operators<T>,
-    pub(crate) state: &'a State<T>,
-    pub(crate) data: &'a mut DataSteps<T>,
-    /// Over cells.
-    pub(crate) images: &'a [f64],
-    /// Scale of the images; 0 to take it from them.
-    pub(crate) size: f64,
-}
 
 /// Settings of the search.
 #[derive(Debug, Clone, Copy)]
@@ -94,11 +83,11 @@ pub(crate) struct Certificate<T: Project> {
 }
 
 impl<T: Project> Certificate<T> {
-    pub(crate) fn new(ops: &Operators<T>, state: &State<T>, problem: &Problem<'_>) -> Self {
+    pub(crate) fn new(ops: &Operators<T>, problem: &Problem<'_>) -> Self {
         let is_free = !problem.is_held();
-        let ranks = state.frames * ops.padded;
+        let ranks = problem.frames() * ops.padded;
         Self {
-            flow: Flow::new(ops, state, problem),
+            flow: Flow::new(ops, problem),
             dual: vec![0.0; ranks],
             repair: is_free.then(|| Repair::new(problem)),
             before: vec![0.0; if is_free { ranks } else { 0 }],
@@ -106,26 +95,20 @@ impl<T: Project> Certificate<T> {
         }
     }
 
-    /// Computes a lower bound from an iterate.
+    /// Computes a lower bound from the duals of an iterate and those of its data in `dual`, with images near the optimum
+    /// of this size, over cells.
     pub(crate) fn bound(
         &mut self,
         problem: &Problem<'_>,
-        iterate: Iterate<'_, T>,
+        ops: &Operators<T>,
+        state: &State<T>,
+        (images, size): (&[f64], f64),
         effort: Effort,
     ) -> Bound {
-        let Iterate { ops, state, data, images, size } = iterate;
-        let arch = problem.skin.arch;
-        for (frame, own) in self.dual.chunks_exact_mut(ops.padded).enumerate() {
-            data.dual(arch, state, frame, own);
-        }
         if let Some(repair) = &mut self.repair {
             repair.balance_alone(problem, &mut self.dual);
         }
         self.set_force(problem, ops.padded);
-        let size = match size {
-            0.0 => images.iter().fold(0.0_f64, |most, x| most.max(x.abs())),
-            size => size,
-        };
         let larger = 1.0 + effort.slack;
         let weight = |lambda: f64| larger * lambda.min(LARGEST_WEIGHT);
         let how = Boxes {
@@ -137,42 +120,36 @@ impl<T: Project> Certificate<T> {
                 0.0 => 1.0,
                 size => problem.lambda_space * ops.mean_radius / size,
             },
-            shift: 0.0,
         };
-        self.flow.start(arch, ops, state, images, how);
-        let shifted = Boxes { shift: effort.lean * how.mu, ..how };
+        self.flow.start(ops, state, images, how);
+        let shift = effort.lean * how.mu;
         if let Some(anchor) = problem.anchor.filter(|anchor| anchor.lambda > 0.0) {
             let rounding = self.rounding(problem, ops);
-            self.flow.advance(arch, ops, shifted, SHIFTED);
-            self.flow.advance(arch, ops, how, effort.steps - SHIFTED);
-            let ratio = self.flow.finish(arch, ops, how);
+            self.flow.advance(ops, shift, SHIFTED);
+            self.flow.advance(ops, 0.0, effort.steps - SHIFTED);
+            self.flow.finish(ops);
+            let ratio = self.flow.duals.largest_ratio(ops, how.lambda_space, how.lambda_time);
             // allows for the rounding of norm, division and radius
             let ratio = larger * ratio * (1.0 + 8.0 * T::EPSILON);
-            let exact = &problem.skin.operators;
-            return for_basis!(arch, exact.basis, |differences| Best {
-                problem,
-                anchor,
-                differences,
-                flow: &self.flow,
-                dual: &self.dual,
-                ratio,
-                rounding
+            let (exact, flow, dual) = (&problem.skin.operators, &self.flow, &self.dual);
+            return for_basis!(exact, |differences| {
+                Best { problem, anchor, differences, flow, dual, ratio, rounding }.bound()
             });
         }
         if effort.rounds == 0 {
-            self.flow.advance(arch, ops, how, effort.steps);
+            self.flow.advance(ops, 0.0, effort.steps);
         }
         let ranks = absorbing(problem, ops.padded);
         for round in 0..effort.rounds {
             let is_last = round + 1 == effort.rounds;
             let leans = round < effort.rounds * 3 / 4;
-            self.flow.advance(arch, ops, if leans { shifted } else { how }, effort.steps);
-            self.flow.analyse(arch, ops, how, ranks);
+            self.flow.advance(ops, if leans { shift } else { 0.0 }, effort.steps);
+            self.flow.analyse(ops, ranks);
             self.absorb(problem, ops.padded, ranks, if is_last { 1.0 } else { OVER });
-            self.flow.push(arch, ops, ranks);
+            self.flow.push(ops, ranks, true);
         }
         if how.bounds.is_some() {
-            self.flow.finish(arch, ops, how);
+            self.flow.finish(ops);
         }
         let Some(repair) = &mut self.repair else { return Bound::nothing() };
         repair.take(problem, &self.flow, images, how);
@@ -182,7 +159,7 @@ impl<T: Project> Certificate<T> {
     /// Computes a lower bound from the data duals in `dual` alone, for constant images.
     pub(crate) fn bound_of_constants(&mut self, problem: &Problem<'_>) -> Bound {
         let Some(repair) = &mut self.repair else { return Bound::nothing() };
-        repair.clear();
+        repair.duals.scale(0.0);
         repair.bound(problem, &mut self.dual)
     }
 
@@ -191,10 +168,7 @@ impl<T: Project> Certificate<T> {
         for (component, out) in out.iter_mut().enumerate() {
             match &self.repair {
                 Some(repair) => out.copy_from_slice(&repair.duals.flow[component]),
-                None => {
-                    let pairs = out.iter_mut().zip(&self.flow.flow[component]);
-                    pairs.for_each(|(out, q)| *out = q.to_f64());
-                }
+                None => convert(&self.flow.duals.flow[component], 1.0, out),
             }
         }
     }

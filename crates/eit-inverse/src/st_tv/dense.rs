@@ -4,7 +4,7 @@ use crate::InverseError;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::{Col, Mat, Par, Spec};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Returns the dot product.
 #[inline(always)]
@@ -38,81 +38,82 @@ pub(crate) fn rows_times(matrix: &[f64], x: &[f64], out: &mut [f64]) {
 
 /// [`rows_times`] for callers outside of a vectorised loop.
 pub(crate) fn multiply(matrix: &[f64], x: &[f64], out: &mut [f64]) {
-    Arch::new().dispatch(Multiply { matrix, x, out });
+    Arch::new().dispatch(
+        #[inline(always)]
+        || rows_times(matrix, x, out),
+    );
 }
 
-struct Multiply<'a> {
-    matrix: &'a [f64],
-    x: &'a [f64],
-    out: &'a mut [f64],
-}
-
-impl WithSimd for Multiply<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        rows_times(self.matrix, self.x, self.out);
+/// Inverts a symmetric matrix `[n][n]` whose eigenvalues are at least 1, in place, by Gauss-Jordan elimination without
+/// pivoting: no pivot is below 1.
+#[inline(always)]
+pub(crate) fn invert(matrix: &mut [f64], n: usize) {
+    for k in 0..n {
+        let (before, rest) = matrix.split_at_mut(k * n);
+        let (row, after) = rest.split_at_mut(n);
+        let inverse = 1.0 / row[k];
+        row[k] = 1.0;
+        row.iter_mut().for_each(|v| *v *= inverse);
+        for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
+            let factor = other[k];
+            other[k] = 0.0;
+            for (o, r) in other.iter_mut().zip(row.iter()) {
+                *o = (-factor).mul_add(*r, *o);
+            }
+        }
     }
 }
 
-/// Inverts a symmetric matrix whose eigenvalues are at least 1, in place.
-pub(crate) struct Invert<'a> {
-    pub(crate) matrix: &'a mut [f64],
-    pub(crate) n: usize,
+/// Computes `F' G F` from the rows of `F'`; `half` is scratch memory.
+#[inline(always)]
+pub(crate) fn congruent(f: &[f64], gram: &[f64], half: &mut [f64], rank: usize, out: &mut [f64]) {
+    let rows = f.len() / rank;
+    for (row, half) in f.chunks_exact(rank).zip(half.chunks_exact_mut(rank)) {
+        rows_times(gram, row, half);
+    }
+    for i in 0..rows {
+        for j in 0..=i {
+            let own = dot(&half[i * rank..][..rank], &f[j * rank..][..rank]);
+            out[i * rows + j] = own;
+            out[j * rows + i] = own;
+        }
+    }
 }
 
-impl WithSimd for Invert<'_> {
-    type Output = ();
-
-    /// Gauss-Jordan elimination without pivoting: with eigenvalues of at least 1, no pivot is below 1.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { matrix, n } = self;
+/// Solves a semidefinite system `[n][n + 1]` with the right-hand side in the last column, which is
+/// replaced by the solution. Uses elimination with diagonal pivots; the solution is zero in null
+/// directions.
+pub(crate) fn solve_semidefinite(rows: &mut [f64], n: usize) {
+    let width = n + 1;
+    let floor = (0..n).map(|k| rows[k * width + k]).fold(0.0, f64::max) * 1e-12;
+    // a diagonal entry of -1 marks a row that has been a pivot
+    for _ in 0..n {
+        let mut pivot = None;
+        let mut most = floor;
         for k in 0..n {
-            let (before, rest) = matrix.split_at_mut(k * n);
-            let (row, after) = rest.split_at_mut(n);
-            let inverse = 1.0 / row[k];
-            row[k] = 1.0;
-            row.iter_mut().for_each(|v| *v *= inverse);
-            for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
-                let factor = other[k];
-                other[k] = 0.0;
-                for (o, r) in other.iter_mut().zip(row.iter()) {
-                    *o = (-factor).mul_add(*r, *o);
-                }
+            if rows[k * width + k] > most {
+                most = rows[k * width + k];
+                pivot = Some(k);
             }
         }
+        let Some(k) = pivot else { break };
+        for c in 0..width {
+            if c != k {
+                rows[k * width + c] /= most;
+            }
+        }
+        for i in (0..n).filter(|&i| i != k) {
+            let factor = rows[i * width + k];
+            for c in (0..width).filter(|&c| c != k) {
+                rows[i * width + c] -= factor * rows[k * width + c];
+            }
+            rows[i * width + k] = 0.0;
+        }
+        rows[k * width + k] = -1.0;
     }
-}
-
-/// Computes `F' G F` from the rows of `F'`.
-pub(crate) struct Congruent<'a> {
-    pub(crate) f: &'a [f64],
-    pub(crate) gram: &'a [f64],
-    pub(crate) half: &'a mut [f64],
-    pub(crate) rank: usize,
-    pub(crate) rows: usize,
-    pub(crate) out: &'a mut [f64],
-}
-
-impl WithSimd for Congruent<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { f, gram, half, rank, rows, out } = self;
-        for (row, half) in f.chunks_exact(rank).zip(half.chunks_exact_mut(rank)).take(rows) {
-            for (half, gram) in half.iter_mut().zip(gram.chunks_exact(row.len())) {
-                *half = dot(gram, row);
-            }
-        }
-        for i in 0..rows {
-            for j in 0..=i {
-                let own = dot(&half[i * rank..][..rank], &f[j * rank..][..rank]);
-                out[i * rows + j] = own;
-                out[j * rows + i] = own;
-            }
+    for k in 0..n {
+        if rows[k * width + k] != -1.0 {
+            rows[k * width + n] = 0.0;
         }
     }
 }

@@ -157,14 +157,21 @@ impl<T: Float> Basis<T> {
     }
 }
 
-/// Runs a kernel for the gradient of either layout: `for_basis!(arch, basis, |differences| kernel)`.
+/// Runs a call, or an operation of [`pulp`], for the gradient of either layout with the widest registers:
+/// `for_basis!(ops, |differences| call)`, `for_basis!(ops, simd |differences| operation)`.
 macro_rules! for_basis {
-    ($arch:expr, $basis:expr, |$differences:ident| $kernel:expr) => {
-        match &$basis {
-            $crate::st_tv::differences::Basis::Grid($differences) => $arch.dispatch($kernel),
+    ($ops:expr, |$differences:ident| $call:expr) => {
+        match &$ops.basis {
+            $crate::st_tv::differences::Basis::Grid($differences) => $ops.arch.dispatch(
+                #[inline(always)]
+                || $call,
+            ),
             $crate::st_tv::differences::Basis::Gathered(own) => {
                 let $differences = own.as_ref();
-                $arch.dispatch($kernel)
+                $ops.arch.dispatch(
+                    #[inline(always)]
+                    || $call,
+                )
             }
         }
     };

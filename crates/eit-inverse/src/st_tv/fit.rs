@@ -13,14 +13,13 @@
 
 use super::ball;
 use super::data::Seen;
-use super::dense::{Congruent, Eigen, Invert, multiply, rows_times};
+use super::dense::{Eigen, congruent, invert, multiply, rows_times};
 use super::lanes::{LANES, Project, each, load, splat, store};
 use super::operators::Operators;
 use super::problem::Problem;
-use super::products::Expand;
 use super::state::{SPAN, State};
 use crate::InverseError;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Largest `tau s^2` in the tail, whose steps are explicit.
 const EXPLICIT: f64 = 0.04;
@@ -144,8 +143,11 @@ impl<T: Project> DataSteps<T> {
         self.head = head(problem, ops, state);
         for span in 0..state.spans() {
             let tau = &state.tau[span * state.cells..][..state.cells];
-            let out = &mut self.product;
-            problem.skin.arch.dispatch(Gram { ops, tau, ranks: self.head, out });
+            let (ranks, out) = (self.head, self.product.as_mut_slice());
+            ops.arch.dispatch(
+                #[inline(always)]
+                || gram(ops, tau, ranks, out),
+            );
             let own = &mut self.gram[span * self.rank * self.rank..][..self.rank * self.rank];
             for i in 0..self.head.min(self.rank) {
                 for j in 0..=i {
@@ -181,7 +183,7 @@ impl<T: Project> DataSteps<T> {
             let mode = problem.mode(frame);
             let index = match self.find(mode, frame) {
                 Some(index) => index,
-                None => self.build(problem.skin.arch, mode, frame / SPAN)?,
+                None => self.build(ops.arch, mode, frame / SPAN)?,
             };
             self.steps[index].is_used = true;
             self.step_of[frame] = index;
@@ -230,20 +232,30 @@ impl<T: Project> DataSteps<T> {
                     }
                 }
             }
-            arch.dispatch(Invert { matrix: &mut step.inverse[..head * head], n: head });
+            let matrix = &mut step.inverse[..head * head];
+            arch.dispatch(
+                #[inline(always)]
+                || invert(matrix, head),
+            );
             let pairs = step.head_inverse.iter_mut().zip(&step.inverse[..head * head]);
             pairs.for_each(|(out, value)| *out = T::from_f64(*value));
             return Ok(index);
         }
-        let inverse = &mut step.inverse[..rows * rows];
-        arch.dispatch(Congruent { f: &mode.transposed, gram, half, rank, rows, out: inverse });
+        let (f, inverse) = (&mode.transposed[..rows * rank], &mut step.inverse[..rows * rows]);
+        arch.dispatch(
+            #[inline(always)]
+            || congruent(f, gram, half, rank, inverse),
+        );
         let DataStep { inverse, forward, back, values, vectors, .. } = step;
         let inverse = &mut inverse[..rows * rows];
         let of_f = || mode.transposed.chunks_exact(rank).take(rows);
         match eigen {
             None => {
                 (0..rows).for_each(|i| inverse[i * rows + i] += 1.0);
-                arch.dispatch(Invert { matrix: inverse, n: rows });
+                arch.dispatch(
+                    #[inline(always)]
+                    || invert(inverse, rows),
+                );
                 forward[..rows * rank].copy_from_slice(&mode.transposed[..rows * rank]);
                 // rows of F M, as sums of rows of M
                 back[..rank * rows].fill(0.0);
@@ -296,7 +308,6 @@ impl<T: Project> DataSteps<T> {
     /// of the origin.
     pub(crate) fn set_tail(
         &mut self,
-        problem: &Problem<'_>,
         ops: &Operators<T>,
         state: &mut State<T>,
         residual: Option<&[f64]>,
@@ -311,9 +322,7 @@ impl<T: Project> DataSteps<T> {
             self.tail_dual[at] = y;
             state.forces[at] = T::from_f64(self.singular[at % self.padded].to_f64() * y);
         }
-        let (ranks, z, out) = (self.head..self.padded, &state.forces, &mut state.tail);
-        let frames = state.frames;
-        problem.skin.arch.dispatch(Expand { ops, frames, ranks, z, add: false, out });
+        ops.expand(&state.forces, self.head..self.padded, false, &mut state.tail);
     }
 
     /// Computes the force `F y` of the data from the coefficients `V' w` of frames from `first` on,
@@ -355,51 +364,41 @@ impl<T: Project> DataSteps<T> {
     }
 
     /// Computes the data dual of a frame's last iteration, `[row of F']`.
-    pub(crate) fn dual(&mut self, arch: Arch, state: &State<T>, frame: usize, out: &mut [f64]) {
-        arch.dispatch(Dual { data: self, coefficients: &state.coefficients, frame, out });
+    pub(crate) fn dual(&mut self, state: &State<T>, frame: usize, out: &mut [f64]) {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.dual_of(&state.coefficients, frame, out),
+        );
     }
-}
-
-/// The data dual of one frame.
-struct Dual<'a, T> {
-    data: &'a mut DataSteps<T>,
-    coefficients: &'a [T],
-    frame: usize,
-    out: &'a mut [f64],
-}
-
-impl<T: Project> WithSimd for Dual<'_, T> {
-    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { data, coefficients, frame, out } = self;
-        let (at, rank) = (frame * data.padded, data.rank);
-        let step = &data.steps[data.step_of[frame]];
+    fn dual_of(&mut self, coefficients: &[T], frame: usize, out: &mut [f64]) {
+        let (at, rank) = (frame * self.padded, self.rank);
+        let step = &self.steps[self.step_of[frame]];
         let (rows, c) = (step.rows, &coefficients[at..]);
-        let [first, u] = &mut data.columns;
+        let [first, u] = &mut self.columns;
         out.fill(0.0);
         if step.is_head {
-            let (head, known) = (data.head, data.head.min(rank));
+            let (head, known) = (self.head, self.head.min(rank));
             u[..head].fill(0.0);
             for (k, u) in u.iter_mut().enumerate().take(known) {
-                *u = data.singular[k].to_f64() * c[k].to_f64() - data.beta[at + k];
+                *u = self.singular[k].to_f64() * c[k].to_f64() - self.beta[at + k];
             }
             rows_times(&step.inverse[..known * head], &u[..head], &mut out[..known]);
-            out[known..rank].copy_from_slice(&data.tail_dual[at + known..at + rank]);
+            out[known..rank].copy_from_slice(&self.tail_dual[at + known..at + rank]);
             return;
         }
         first.iter_mut().zip(c).for_each(|(own, c)| *own = c.to_f64());
         let u = &mut u[..rows];
         rows_times(&step.forward, &first[..rank], u);
-        if data.turned.is_empty() {
-            u.iter_mut().zip(&data.beta[at..]).for_each(|(u, b)| *u -= b);
+        if self.turned.is_empty() {
+            u.iter_mut().zip(&self.beta[at..]).for_each(|(u, b)| *u -= b);
             return rows_times(&step.inverse[..rows * rows], u, &mut out[..rows]);
         }
-        u.iter_mut().zip(&data.turned[at..]).for_each(|(u, b)| *u -= b);
+        u.iter_mut().zip(&self.turned[at..]).for_each(|(u, b)| *u -= b);
         let vectors = step.vectors.chunks_exact(rows.max(1)).zip(&step.values);
         for ((vector, value), u) in vectors.zip(u) {
-            let turned = ball::dual(*u, *value, data.multipliers[frame]);
+            let turned = ball::dual(*u, *value, self.multipliers[frame]);
             out.iter_mut().zip(vector).for_each(|(y, e)| *y += turned * e);
         }
     }
@@ -433,43 +432,31 @@ fn multiply_head<T: Project>(matrix: &[T], x: &[T], out: &mut [T]) {
 const CHUNK: usize = 64;
 const TILE: usize = 4;
 
-/// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`], in tiles.
-struct Gram<'a, T: Project> {
-    ops: &'a Operators<T>,
-    tau: &'a [T],
-    ranks: usize,
-    /// `[padded rank][padded rank]`.
-    out: &'a mut [T],
-}
-
-impl<T: Project> WithSimd for Gram<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, tau, ranks, out } = self;
-        let padded = ops.padded;
-        out.fill(T::default());
-        let cells = ops.places.cells.chunks(CHUNK);
-        for (rows, cells) in ops.rows.chunks(CHUNK * padded).zip(cells) {
-            for first in (0..ranks).step_by(TILE) {
-                for second in (first / LANES * LANES..ranks).step_by(LANES) {
-                    let mut sums = [[T::default(); LANES]; TILE];
-                    for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
-                        let right = load(row, second);
-                        let weight = tau[cell];
-                        for (i, sum) in sums.iter_mut().enumerate() {
-                            let left = weight * row[first + i];
-                            for l in 0..LANES {
-                                sum[l] = left.mul_add(right[l], sum[l]);
-                            }
+/// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`], in tiles; `out` is
+/// `[padded rank][padded rank]`.
+#[inline(always)]
+fn gram<T: Project>(ops: &Operators<T>, tau: &[T], ranks: usize, out: &mut [T]) {
+    let padded = ops.padded;
+    out.fill(T::default());
+    let cells = ops.places.cells.chunks(CHUNK);
+    for (rows, cells) in ops.rows.chunks(CHUNK * padded).zip(cells) {
+        for first in (0..ranks).step_by(TILE) {
+            for second in (first / LANES * LANES..ranks).step_by(LANES) {
+                let mut sums = [[T::default(); LANES]; TILE];
+                for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
+                    let right = load(row, second);
+                    let weight = tau[cell];
+                    for (i, sum) in sums.iter_mut().enumerate() {
+                        let left = weight * row[first + i];
+                        for l in 0..LANES {
+                            sum[l] = left.mul_add(right[l], sum[l]);
                         }
                     }
-                    for (i, sum) in sums.iter().enumerate() {
-                        let at = (first + i) * padded + second;
-                        let old = load(out, at);
-                        store(out, at, each(|l| old[l] + sum[l]));
-                    }
+                }
+                for (i, sum) in sums.iter().enumerate() {
+                    let at = (first + i) * padded + second;
+                    let old = load(out, at);
+                    store(out, at, each(|l| old[l] + sum[l]));
                 }
             }
         }

@@ -21,29 +21,26 @@
 //! The caller may change `f` between steps ([`Flow::push`]), which keep their momentum.
 
 use super::differences::{Differences, for_basis};
-use super::lanes::{LANES, Lane, Project, clip, each, largest, load, shrink, splat, store};
+use super::duals::{Duals, convert};
+use super::lanes::{LANES, Lane, Project, clip, each, load, shrink, store};
 use super::operators::Operators;
 use super::problem::Problem;
-use super::products::{Analyse, Expand};
 use super::state::{State, TOGETHER};
-use pulp::{Arch, Simd, WithSimd};
 
 /// Duals and memory of the search.
 #[derive(Debug, Clone)]
 pub(crate) struct Flow<T: Project> {
     frames: usize,
+    how: Boxes,
     /// Coefficients of the force, of its change, or of the error, `[frame][padded rank]`.
     pub(crate) coefficients: Vec<f64>,
     z: Vec<T>,
     force: Vec<T>,
     /// `e`.
     pub(crate) error: Vec<T>,
-    /// `q` and its extrapolation, by component.
-    pub(crate) flow: [Vec<T>; 2],
-    ahead: [Vec<T>; 2],
-    /// `q_t`, as in [`State::links`].
-    pub(crate) links: Vec<T>,
-    links_ahead: Vec<T>,
+    /// `q` and `q_t`, and their extrapolation.
+    pub(crate) duals: Duals<T>,
+    ahead: Duals<T>,
     /// Image of the shift and of the distances to the bounds, and the anchor.
     image: Vec<T>,
     anchor: Vec<T>,
@@ -52,8 +49,8 @@ pub(crate) struct Flow<T: Project> {
     momentum: f64,
 }
 
-/// Radii, bounds and shift.
-#[derive(Debug, Clone, Copy)]
+/// Radii and bounds.
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Boxes {
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
@@ -61,8 +58,6 @@ pub(crate) struct Boxes {
     pub(crate) bounds: Option<[f64; 2]>,
     /// Error that a bound leaves, per distance of the image from it.
     pub(crate) mu: f64,
-    /// Force per image towards which the error is moved.
-    pub(crate) shift: f64,
 }
 
 impl Boxes {
@@ -76,23 +71,22 @@ impl Boxes {
 }
 
 impl<T: Project> Flow<T> {
-    pub(crate) fn new(ops: &Operators<T>, state: &State<T>, problem: &Problem<'_>) -> Self {
+    pub(crate) fn new(ops: &Operators<T>, problem: &Problem<'_>) -> Self {
+        let frames = problem.frames();
         let zeros = |count: usize| vec![T::default(); count];
-        let (cells, groups) = (state.frames * state.cells, state.frames * state.groups);
-        let pair = || [zeros(groups), zeros(groups)];
+        let (cells, ranks) = (frames * ops.cells(), frames * ops.padded);
         Self {
-            frames: state.frames,
-            coefficients: vec![0.0; state.frames * ops.padded],
-            z: zeros(state.frames * ops.padded),
+            frames,
+            how: Boxes::default(),
+            coefficients: vec![0.0; ranks],
+            z: zeros(ranks),
             force: zeros(cells),
             error: zeros(cells),
-            flow: pair(),
-            ahead: pair(),
-            links: state.links.clone(),
-            links_ahead: state.links.clone(),
+            duals: Duals::new(ops, problem, false),
+            ahead: Duals::new(ops, problem, false),
             image: zeros(cells),
             anchor: zeros(if problem.is_held() { cells } else { 0 }),
-            sums: vec![[T::default(); LANES]; TOGETHER.min(state.frames) * ops.padded],
+            sums: vec![[T::default(); LANES]; TOGETHER.min(frames) * ops.padded],
             momentum: 1.0,
         }
     }
@@ -100,230 +94,110 @@ impl<T: Project> Flow<T> {
     /// Starts from the duals of an iterate and the force `V c` of `coefficients`; `images` are within the bounds.
     pub(crate) fn start(
         &mut self,
-        arch: Arch,
         ops: &Operators<T>,
         state: &State<T>,
         images: &[f64],
         how: Boxes,
     ) {
-        for frame in 0..self.frames {
-            for &cell in &ops.places.cells {
-                let at = frame * ops.cells() + cell;
-                self.image[at] = T::from_f64(images[at]);
-            }
-        }
+        self.how = how;
+        convert(images, 1.0, &mut self.image);
         if !self.anchor.is_empty() {
             self.anchor.copy_from_slice(&state.origin);
         }
-        for (own, q) in self.flow.iter_mut().zip(&state.flow) {
-            own.copy_from_slice(q);
-        }
-        self.links.copy_from_slice(&state.links);
         self.momentum = 1.0;
-        self.expand(arch, ops, ops.padded, false);
-        for_basis!(arch, ops.basis, |differences| Begin(Seek {
-            ops,
-            differences,
-            flow: &mut *self,
-            how
-        }));
+        self.push(ops, ops.padded, false);
+        // a step without error projects the duals onto their balls
+        self.ahead.take(&state.duals, 1.0);
+        self.error.fill(T::default());
+        for_basis!(ops, |differences| {
+            for frame in 0..self.frames {
+                self.step(ops, differences, frame, T::default());
+            }
+        });
     }
 
-    /// Takes steps.
-    pub(crate) fn advance(&mut self, arch: Arch, ops: &Operators<T>, how: Boxes, steps: usize) {
-        for_basis!(arch, ops.basis, |differences| Advance(
-            Seek { ops, differences, flow: &mut *self, how },
-            steps
-        ));
+    /// Takes steps; the error is moved towards `shift` times the image.
+    pub(crate) fn advance(&mut self, ops: &Operators<T>, shift: f64, steps: usize) {
+        for_basis!(ops, |differences| {
+            for _ in 0..steps {
+                let t = self.momentum;
+                self.momentum = 0.5 * (1.0 + (1.0 + 4.0 * t * t).sqrt());
+                let momentum = T::from_f64((t - 1.0) / self.momentum);
+                // the duals of a frame, and of its link to the frame before, act on errors that are computed already
+                for frame in 0..self.frames {
+                    self.pull_frame(ops, differences, frame, Some(shift));
+                    self.step(ops, differences, frame, momentum);
+                }
+            }
+        });
     }
 
     /// Computes the coefficients `V' h(e)` of the extrapolated duals.
-    pub(crate) fn analyse(&mut self, arch: Arch, ops: &Operators<T>, how: Boxes, ranks: usize) {
-        let how = Boxes { shift: 0.0, ..how };
-        for_basis!(arch, ops.basis, |differences| Error(
-            Seek { ops, differences, flow: &mut *self, how },
-            true
-        ));
-        let Self { frames, error: x, sums, coefficients: out, .. } = self;
-        arch.dispatch(Analyse { ops, frames: *frames, x, ranks, sums, out });
+    pub(crate) fn analyse(&mut self, ops: &Operators<T>, ranks: usize) {
+        self.find_error(ops, Some(0.0));
+        ops.analyse(&self.error, ranks, &mut self.sums, &mut self.coefficients);
     }
 
-    /// Adds the force of the first `ranks` of `coefficients`.
-    pub(crate) fn push(&mut self, arch: Arch, ops: &Operators<T>, ranks: usize) {
-        self.expand(arch, ops, ranks, true);
+    /// Sets the force of the first `ranks` of `coefficients`, or adds it.
+    pub(crate) fn push(&mut self, ops: &Operators<T>, ranks: usize, add: bool) {
+        convert(&self.coefficients, 1.0, &mut self.z);
+        ops.expand(&self.z, 0..ranks, add, &mut self.force);
     }
 
-    fn expand(&mut self, arch: Arch, ops: &Operators<T>, ranks: usize, add: bool) {
-        let Self { frames, z, coefficients, force: out, .. } = self;
-        z.iter_mut().zip(coefficients).for_each(|(z, c)| *z = T::from_f64(*c));
-        arch.dispatch(Expand { ops, frames: *frames, ranks: 0..ranks, z, add, out });
+    /// Computes the error `e` of the last duals.
+    pub(crate) fn finish(&mut self, ops: &Operators<T>) {
+        std::mem::swap(&mut self.ahead, &mut self.duals);
+        self.find_error(ops, None);
+        std::mem::swap(&mut self.ahead, &mut self.duals);
     }
 
-    /// Computes the error `e` of the last duals. Returns the largest ratio of a group's dual to its radius times
-    /// `lambda_space`.
-    pub(crate) fn finish(&mut self, arch: Arch, ops: &Operators<T>, how: Boxes) -> f64 {
-        self.swap_ahead();
-        for_basis!(arch, ops.basis, |differences| Error(
-            Seek { ops, differences, flow: &mut *self, how },
-            false
-        ));
-        self.swap_ahead();
-        for_basis!(arch, ops.basis, |differences| Ratio(Seek {
-            ops,
-            differences,
-            flow: &mut *self,
-            how
-        }))
-    }
-
-    fn swap_ahead(&mut self) {
-        std::mem::swap(&mut self.ahead, &mut self.flow);
-        std::mem::swap(&mut self.links_ahead, &mut self.links);
-    }
-}
-
-struct Seek<'a, T: Project, D> {
-    ops: &'a Operators<T>,
-    differences: &'a D,
-    flow: &'a mut Flow<T>,
-    how: Boxes,
-}
-
-/// Takes a number of steps.
-struct Advance<'a, T: Project, D>(Seek<'a, T, D>, usize);
-
-impl<T: Project, D: Differences<T>> WithSimd for Advance<'_, T, D> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self(mut seek, steps) = self;
-        for _ in 0..steps {
-            let t = seek.flow.momentum;
-            let next = 0.5 * (1.0 + (1.0 + 4.0 * t * t).sqrt());
-            seek.flow.momentum = next;
-            let momentum = T::from_f64((t - 1.0) / next);
-            // the duals of a frame, and of its link to the frame before, act on errors that are computed already
-            for frame in 0..seek.flow.frames {
-                seek.pull_frame(frame, true);
-                seek.step(frame, momentum);
+    fn find_error(&mut self, ops: &Operators<T>, shift: Option<f64>) {
+        for_basis!(ops, |differences| {
+            for frame in 0..self.frames {
+                self.pull_frame(ops, differences, frame, shift);
             }
-        }
+        });
     }
-}
-
-/// Computes the error of the extrapolated duals, or the part that anchor and bounds do not absorb.
-struct Error<'a, T: Project, D>(Seek<'a, T, D>, bool);
-
-impl<T: Project, D: Differences<T>> WithSimd for Error<'_, T, D> {
-    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self(mut seek, is_soft) = self;
-        for frame in 0..seek.flow.frames {
-            seek.pull_frame(frame, is_soft);
-        }
-    }
-}
-
-/// Projects the first duals onto their balls.
-struct Begin<'a, T: Project, D>(Seek<'a, T, D>);
-
-impl<T: Project, D: Differences<T>> WithSimd for Begin<'_, T, D> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Seek { ops, differences, flow, how } = self.0;
-        let (space, time) = (T::from_f64(how.lambda_space), T::from_f64(how.lambda_time));
-        let Flow { frames, flow: [first, second], ahead, links, links_ahead, .. } = flow;
-        for base in (0..*frames).map(|frame| frame * ops.groups) {
-            for &at in differences.group_blocks() {
-                let (a, b) = (load(first, base + at), load(second, base + at));
-                let radius = differences.group_radius(at);
-                let radius = each(|l| space * radius[l]);
-                let factor = shrink(a, b, radius, radius);
-                store(first, base + at, each(|l| a[l] * factor[l]));
-                store(second, base + at, each(|l| b[l] * factor[l]));
-            }
-        }
-        if !links.is_empty() {
-            for base in (1..*frames).map(|frame| frame * ops.cells()) {
-                for &at in &ops.places.blocks {
-                    let (q, radius) = (load(links, base + at), differences.cell_radius(at));
-                    store(links, base + at, each(|l| clip(q[l], time * radius[l])));
-                }
-            }
-        }
-        ahead[0].copy_from_slice(first);
-        ahead[1].copy_from_slice(second);
-        links_ahead.copy_from_slice(links);
-    }
-}
-
-/// Computes the largest ratio of a group's dual to its radius.
-struct Ratio<'a, T: Project, D>(Seek<'a, T, D>);
-
-impl<T: Project, D: Differences<T>> WithSimd for Ratio<'_, T, D> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Seek { ops, differences, flow, how } = self.0;
-        let space = T::from_f64(how.lambda_space);
-        let mut most = splat(T::default());
-        for base in (0..flow.frames).map(|frame| frame * ops.groups) {
-            for &at in differences.group_blocks() {
-                let (a, b) = (load(&flow.flow[0], base + at), load(&flow.flow[1], base + at));
-                let radius = differences.group_radius(at);
-                most = each(|l| {
-                    let norm = a[l].mul_add(a[l], b[l] * b[l]).sqrt();
-                    most[l].max(norm / (space * radius[l]))
-                });
-            }
-        }
-        largest(&most).to_f64()
-    }
-}
-
-impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
-    #[inline(always)]
-    fn pull_frame(&mut self, frame: usize, is_soft: bool) {
-        match (self.flow.anchor.is_empty(), self.how.bounds) {
-            (true, None) => self.pull::<false, false>(frame, is_soft),
-            (true, Some(_)) => self.pull::<false, true>(frame, is_soft),
-            (false, None) => self.pull::<true, false>(frame, is_soft),
-            (false, Some(_)) => self.pull::<true, true>(frame, is_soft),
+    fn pull_frame<D: Differences<T>>(
+        &mut self,
+        ops: &Operators<T>,
+        differences: &D,
+        frame: usize,
+        shift: Option<f64>,
+    ) {
+        match (self.anchor.is_empty(), self.how.bounds) {
+            (true, None) => self.pull::<D, false, false>(ops, differences, frame, shift),
+            (true, Some(_)) => self.pull::<D, false, true>(ops, differences, frame, shift),
+            (false, None) => self.pull::<D, true, false>(ops, differences, frame, shift),
+            (false, Some(_)) => self.pull::<D, true, true>(ops, differences, frame, shift),
         }
     }
 
-    /// Computes the error of the extrapolated duals in a frame, shifted; only the part that anchor and bounds do not
-    /// absorb if it is soft.
+    /// Computes the error of the extrapolated duals in a frame; with a shift, only the part that anchor and bounds do
+    /// not absorb.
     #[inline(always)]
-    fn pull<const ANCHORED: bool, const BOUNDED: bool>(&mut self, frame: usize, is_soft: bool) {
-        let Self { ops, differences, flow, how } = self;
-        let Flow { force, error, ahead, links_ahead, image, anchor, .. } = &mut **flow;
-        let (cells, groups) = (ops.cells(), ops.groups);
-        let (base, own) = (frame * cells, frame * groups..(frame + 1) * groups);
-        let q = [&ahead[0][own.clone()], &ahead[1][own]];
-        let (mu, shift) = (T::from_f64(how.mu), T::from_f64(how.shift));
-        let held = T::from_f64(how.lambda_anchor);
+    fn pull<D: Differences<T>, const ANCHORED: bool, const BOUNDED: bool>(
+        &mut self,
+        ops: &Operators<T>,
+        differences: &D,
+        frame: usize,
+        shift: Option<f64>,
+    ) {
+        let Self { how, force, error, ahead, image, anchor, .. } = self;
+        let base = frame * ops.cells();
+        let (mu, held) = (T::from_f64(how.mu), T::from_f64(how.lambda_anchor));
         let [lower, upper] = how.bounds.unwrap_or_default().map(T::from_f64);
         let zero = T::default();
         for (block, &at) in ops.places.blocks.iter().enumerate() {
             let here = base + at;
-            let (divergence, f) = (differences.adjoint(q, block, at), load(force, here));
-            let mut e = each(|l| f[l] + divergence[l]);
-            if !links_ahead.is_empty() {
-                let (own, next) = (load(links_ahead, here), load(links_ahead, here + cells));
-                e = each(|l| e[l] + (own[l] - next[l]));
-            }
-            if !is_soft {
+            let mut e = ahead.pull(differences, frame, (block, at), load(force, here));
+            let Some(shift) = shift else {
                 store(error, here, e);
                 continue;
-            }
-            let x = load(image, here);
+            };
+            let (shift, x) = (T::from_f64(shift), load(image, here));
             // distances to the bounds from the anchor while shifted, otherwise from the image, since the cost of a
             // bound's force is proportional to the distance from the bound
             let (mut centre, mut from) = (x, x);
@@ -349,14 +223,20 @@ impl<T: Project, D: Differences<T>> Seek<'_, T, D> {
 
     /// Takes a gradient step on the flow of a frame and its link to the frame before.
     #[inline(always)]
-    fn step(&mut self, frame: usize, momentum: T) {
-        let Self { ops, differences, flow, how } = self;
-        let Flow { error, flow, ahead, links, links_ahead, .. } = &mut **flow;
+    fn step<D: Differences<T>>(
+        &mut self,
+        ops: &Operators<T>,
+        differences: &D,
+        frame: usize,
+        momentum: T,
+    ) {
+        let Self { how, error, duals, ahead, .. } = self;
         let (cells, groups) = (ops.cells(), ops.groups);
+        let Duals { flow: [first, second], links, .. } = duals;
+        let Duals { flow: [next_first, next_second], links: links_ahead, .. } = ahead;
         let norm = ops.norm_squared + if links.is_empty() { 0.0 } else { 4.0 };
         let step = T::from_f64(-1.0 / norm.max(1.0));
         let (space, time) = (T::from_f64(how.lambda_space), T::from_f64(how.lambda_time));
-        let ([first, second], [next_first, next_second]) = (flow, ahead);
         let (base, own) = (frame * groups, &error[frame * cells..(frame + 1) * cells]);
         for &at in differences.group_blocks() {
             let [da, db] = differences.difference(own, at);

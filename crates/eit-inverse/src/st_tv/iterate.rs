@@ -36,13 +36,17 @@
 //! entries, and the evaluations.
 
 use super::chain::Chain;
-use super::differences::{Differences, for_basis};
+use super::differences::{Basis, Differences};
+use super::duals::Duals;
 use super::fit::DataSteps;
-use super::lanes::{BLOCKS, LANES, Lane, Project, by_frames, each, load, shrink, store, total};
+use super::lanes::{
+    BLOCKS, LANES, Lane, Project, by_frames, each, load, shrink, splat, store, total,
+};
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{SPAN, State, TOGETHER};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
+use std::ops::Range;
 
 /// Largest weight, in the solver's units; larger weights do not change the result but would overflow `f32`.
 pub(crate) const LARGEST_WEIGHT: f64 = 1e8;
@@ -60,7 +64,6 @@ impl<T: Project> State<T> {
     /// Performs iterations; the unrelaxed change of the last one is kept in `fresh`.
     pub(crate) fn iterate(
         &mut self,
-        arch: Arch,
         ops: &Operators<T>,
         problem: &Problem<'_>,
         data: &mut DataSteps<T>,
@@ -78,15 +81,27 @@ impl<T: Project> State<T> {
             tiny: T::from_f64(f64::from(f32::MIN_POSITIVE)),
         };
         let mut chain = self.chain.take();
-        for_basis!(arch, ops.basis, |differences| Iterate {
-            ops,
-            differences,
-            state: &mut *self,
-            data,
-            scaled,
-            chain: chain.as_mut(),
-            count,
-        });
+        let own = chain.as_mut();
+        match &ops.basis {
+            Basis::Grid(differences) => ops.arch.dispatch(Iterate {
+                ops,
+                differences,
+                state: self,
+                data,
+                scaled,
+                chain: own,
+                count,
+            }),
+            Basis::Gathered(differences) => ops.arch.dispatch(Iterate {
+                ops,
+                differences: &**differences,
+                state: self,
+                data,
+                scaled,
+                chain: own,
+                count,
+            }),
+        }
         self.chain = chain;
     }
 }
@@ -120,93 +135,70 @@ impl<T: Project, D: Differences<T>> WithSimd for Iterate<'_, T, D> {
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let frames = self.state.frames;
-        let groups = || (0..frames.div_ceil(TOGETHER)).map(move |g| Group::new(g, frames));
-        for group in groups() {
+        let groups = frames.div_ceil(TOGETHER);
+        for group in 0..groups {
             self.descend_group(simd, group);
         }
         for k in 0..self.count {
-            let keep = k + 1 == self.count;
-            if self.chain.is_some() {
-                self.iterate_apart(simd, keep);
-                continue;
-            }
-            let mut before = None;
-            for group in groups() {
+            let is_last = k + 1 == self.count;
+            // the first group whose forces are not computed again yet
+            let mut waiting = 0;
+            for group in 0..groups {
                 self.fit(group);
-                self.ascend_group(simd, group, keep);
-                for frame in group.first..group.first + group.count {
-                    if frame > 0 && !self.state.links.is_empty() {
+                self.ascend_group(simd, group, is_last);
+                if self.chain.is_some() {
+                    continue;
+                }
+                for frame in self.group(group) {
+                    if frame > 0 && !self.state.duals.links.is_empty() {
                         self.link_step(frame);
                     }
                     self.flow_step(frame);
                 }
                 // the forces on the group before are complete, and its arrays still in cache
-                if let (Some(before), false) = (before.replace(group), keep) {
-                    self.descend_group(simd, before);
+                if group > 0 && !is_last {
+                    self.descend_group(simd, group - 1);
+                    waiting = group;
                 }
             }
-            if let (Some(last), false) = (before, keep) {
-                self.descend_group(simd, last);
+            if self.chain.is_some() {
+                self.chain_steps();
+                for frame in 0..frames {
+                    self.flow_step(frame);
+                }
             }
-        }
-    }
-}
-
-/// Frames that pass over the basis together.
-#[derive(Clone, Copy)]
-struct Group {
-    first: usize,
-    count: usize,
-}
-
-impl Group {
-    fn new(index: usize, frames: usize) -> Self {
-        let first = index * TOGETHER;
-        Self { first, count: TOGETHER.min(frames - first) }
-    }
-}
-
-impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
-    /// Performs an iteration whose duals in time and bounds need all frames.
-    #[inline(always)]
-    fn iterate_apart<S: Simd>(&mut self, simd: S, keep: bool) {
-        let frames = self.state.frames;
-        let groups = || (0..frames.div_ceil(TOGETHER)).map(move |g| Group::new(g, frames));
-        for group in groups() {
-            self.fit(group);
-            self.ascend_group(simd, group, keep);
-        }
-        self.chain_steps();
-        for frame in 0..frames {
-            self.flow_step(frame);
-        }
-        if !keep {
-            for group in groups() {
+            for group in if is_last { groups } else { waiting }..groups {
                 self.descend_group(simd, group);
             }
         }
     }
+}
 
+impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
+    /// Returns the frames of a group, which pass over the basis together.
     #[inline(always)]
-    fn descend_group<S: Simd>(&mut self, simd: S, group: Group) {
-        let Group { first, count } = group;
-        by_frames!(count, |G, at| self.descend::<S, G>(simd, first + at));
+    fn group(&self, index: usize) -> Range<usize> {
+        index * TOGETHER..self.state.frames.min((index + 1) * TOGETHER)
     }
 
     #[inline(always)]
-    fn ascend_group<S: Simd>(&mut self, simd: S, group: Group, keep: bool) {
-        let Group { first, count } = group;
-        by_frames!(count, |G, at| self.ascend::<S, G>(simd, first + at, keep));
+    fn descend_group<S: Simd>(&mut self, simd: S, group: usize) {
+        let Range { start, end } = self.group(group);
+        by_frames!(end - start, |G, at| self.descend::<S, G>(simd, start + at));
+    }
+
+    #[inline(always)]
+    fn ascend_group<S: Simd>(&mut self, simd: S, group: usize, keep: bool) {
+        let Range { start, end } = self.group(group);
+        by_frames!(end - start, |G, at| self.ascend::<S, G>(simd, start + at, keep));
     }
 
     /// Computes `w` and `V' w` of `G` frames.
     #[inline(always)]
     fn descend<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
         let Self { ops, differences, state, data, .. } = self;
-        let (cells, groups, has_tail) = (state.cells, state.groups, state.has_tail);
-        let (ranks, padded) = (data.head, ops.padded);
-        let State { change, work, flow, links, force, tail, tau, sums, coefficients, .. } =
-            &mut **state;
+        let (cells, has_tail, ranks, padded) = (state.cells, state.has_tail, data.head, ops.padded);
+        let State { change, work, duals, tail, tau, sums, coefficients, .. } = &mut **state;
         let sums = &mut sums[..G * padded];
         sums.fill([T::default(); LANES]);
         for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {
@@ -214,53 +206,34 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
             for (f, w) in w.iter_mut().enumerate() {
                 let frame = first + f;
                 let (base, span) = (frame * cells, frame / SPAN * cells);
-                let own = frame * groups..(frame + 1) * groups;
-                let q = [&flow[0][own.clone()], &flow[1][own]];
                 for (j, (w, &at)) in w.iter_mut().zip(blocks).enumerate() {
-                    let mut pull = differences.adjoint(q, BLOCKS * panel + j, at);
-                    if !force.is_empty() {
-                        let p = load(force, base + at);
-                        pull = each(|l| pull[l] + p[l]);
-                    }
-                    if has_tail {
-                        let tail = load(tail, base + at);
-                        pull = each(|l| pull[l] + tail[l]);
-                    }
-                    if !links.is_empty() {
-                        let (own, next) = (load(links, base + at), load(links, base + cells + at));
-                        pull = each(|l| pull[l] + (own[l] - next[l]));
-                    }
+                    let zero = splat(T::default());
+                    let tail = if has_tail { load(tail, base + at) } else { zero };
+                    let pull = duals.pull(*differences, frame, (BLOCKS * panel + j, at), tail);
                     let (d, tau) = (load(change, base + at), load(tau, span + at));
                     *w = each(|l| d[l] - tau[l] * pull[l]);
                     store(work, base + at, *w);
                 }
             }
-            let own = panel * padded..panel * padded + ranks;
-            if T::HAS_SHORT {
-                T::project(simd, &ops.short[own], &w, sums, padded);
-            } else {
-                T::project(simd, &ops.panels[own], &w, sums, padded);
-            }
+            let basis = &ops.short[panel * padded..][..ranks];
+            T::project(simd, basis, &w, sums, padded);
         }
         let coefficients = &mut coefficients[first * padded..][..G * padded];
         for (c, sum) in coefficients.iter_mut().zip(sums) {
             *c = total(sum);
         }
-        if T::HAS_SHORT {
-            scale_by(coefficients, &ops.short_units);
-        }
+        scale_by(coefficients, &ops.short_units);
     }
 
     /// Computes the force of the data on a group from `V' w`, in units of the entries of the basis.
     #[inline(always)]
-    fn fit(&mut self, group: Group) {
+    fn fit(&mut self, group: usize) {
+        let Range { start, end } = self.group(group);
         let Self { ops, state, data, .. } = self;
-        let own = group.first * ops.padded..(group.first + group.count) * ops.padded;
+        let own = start * ops.padded..end * ops.padded;
         let forces = &mut state.forces[own.clone()];
-        data.apply(group.first, &state.coefficients[own], forces);
-        if T::HAS_SHORT {
-            scale_by(forces, &ops.short_units);
-        }
+        data.apply(start, &state.coefficients[own], forces);
+        scale_by(forces, &ops.short_units);
     }
 
     /// Computes `d^` and `x-` of `G` frames, then updates `d` and `p`.
@@ -268,20 +241,17 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
     fn ascend<S: Simd, const G: usize>(&mut self, simd: S, first: usize, keep: bool) {
         let Self { ops, differences, state, data, scaled, chain, .. } = self;
         let (cells, ranks, padded) = (state.cells, data.head, ops.padded);
-        let is_held = !state.force.is_empty() && chain.is_none();
+        let is_held = !state.duals.held.is_empty() && chain.is_none();
         let split = T::from_f64(state.split[2]);
-        let State { origin, change, fresh, work, force, room, tau, cell_step, forces, .. } =
+        let State { origin, change, fresh, work, duals, room, tau, cell_step, forces, .. } =
             &mut **state;
+        let force = &mut duals.held;
         let forces = &forces[first * padded..(first + G) * padded];
         let rho = scaled.rho;
         for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {
-            let own = panel * padded..panel * padded + ranks;
+            let basis = &ops.short[panel * padded..][..ranks];
             let mut pull = [[[T::default(); LANES]; BLOCKS]; G];
-            if T::HAS_SHORT {
-                T::expand(simd, &ops.short[own], forces, padded, &mut pull);
-            } else {
-                T::expand(simd, &ops.panels[own], forces, padded, &mut pull);
-            }
+            T::expand(simd, basis, forces, padded, &mut pull);
             for (f, pull) in pull.iter().enumerate() {
                 let (base, span) = ((first + f) * cells, (first + f) / SPAN * cells);
                 for (pull, &at) in pull.iter().zip(blocks) {
@@ -322,7 +292,8 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
     fn link_step(&mut self, frame: usize) {
         let Self { ops, differences, state, scaled, .. } = self;
         let (cells, split) = (state.cells, T::from_f64(state.split[1]));
-        let State { work, links, cell_step, .. } = &mut **state;
+        let State { work, duals, cell_step, .. } = &mut **state;
+        let links = &mut duals.links;
         let base = frame * cells;
         let spans = [(frame - 1) / SPAN * cells, frame / SPAN * cells];
         for &at in &ops.places.blocks {
@@ -344,7 +315,8 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         let Some(chain) = chain else { return };
         let (frames, cells) = (state.frames, state.cells);
         let split = T::from_f64(state.split[1]);
-        let State { work, links, force, cell_step, .. } = &mut **state;
+        let State { work, duals, cell_step, .. } = &mut **state;
+        let Duals { links, held: force, .. } = duals;
         for &at in &ops.places.blocks {
             let radius = differences.cell_radius(at);
             for (l, radius) in radius.iter().enumerate() {
@@ -379,10 +351,10 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
     #[inline(always)]
     fn flow_step(&mut self, frame: usize) {
         let Self { differences, state, scaled, .. } = self;
-        let State { cells, groups, work, flow, group_step, .. } = &mut **state;
+        let State { cells, groups, work, duals, group_step, .. } = &mut **state;
         let (base, span) = (frame * *groups, frame / SPAN * *groups);
         let bar = &work[frame * *cells..(frame + 1) * *cells];
-        let [first, second] = flow;
+        let [first, second] = &mut duals.flow;
         for &at in differences.group_blocks() {
             let [da, db] = differences.difference(bar, at);
             let step = load(group_step, span + at);

@@ -86,12 +86,24 @@ pub(crate) fn largest<T: Float>(lane: &Lane<T>) -> T {
 
 /// Stored entry of a basis: at full precision, or as an integer fraction of the largest entry of its
 /// rank, which is stored as 32767.
-pub(crate) trait Entry<T>: Copy {
+pub(crate) trait Entry<T>: Copy + Send + Sync + std::fmt::Debug {
+    /// Returns the unit of the entries of a rank whose largest entry is `largest`.
+    fn unit(largest: f64) -> f64;
+    /// Rounds a value in units of its rank.
+    fn rounded(value: f64) -> Self;
     /// Returns the entry, in units of its rank.
     fn value(self) -> T;
 }
 
 impl<T: Float> Entry<T> for T {
+    fn unit(_: f64) -> f64 {
+        1.0
+    }
+
+    fn rounded(value: f64) -> Self {
+        T::from_f64(value)
+    }
+
     #[inline(always)]
     fn value(self) -> T {
         self
@@ -99,6 +111,14 @@ impl<T: Float> Entry<T> for T {
 }
 
 impl Entry<f32> for i16 {
+    fn unit(largest: f64) -> f64 {
+        if largest > 0.0 { largest / f64::from(i16::MAX) } else { 1.0 }
+    }
+
+    fn rounded(value: f64) -> Self {
+        value.round() as i16
+    }
+
     #[inline(always)]
     fn value(self) -> f32 {
         f32::from(self)
@@ -108,13 +128,8 @@ impl Entry<f32> for i16 {
 /// Products with the basis, explicitly vectorised, because the compiler would vectorise along the ranks, with
 /// gathers; and short entries of the basis. An entry is read once for `G` frames.
 pub(crate) trait Project: Float {
-    /// Entries of half the length, which halve the traffic from the L2 cache; `Self` if there are none.
-    type Short: Entry<Self> + Send + Sync + std::fmt::Debug;
-    /// Whether `Short` is shorter than `Self`.
-    const HAS_SHORT: bool;
-
-    /// Converts an entry relative to the largest of its rank.
-    fn shorten(share: f64) -> Self::Short;
+    /// Entries of half the length, which halve the traffic from the L2 cache; `Self` for `f64`.
+    type Short: Entry<Self>;
 
     /// Computes `sums[frame][k] += sum over the panel of basis[k] w[frame]`, with partial sums in lanes; rows of
     /// `sums` are `stride` apart.
@@ -140,15 +155,9 @@ pub(crate) trait Project: Float {
 const TILE: usize = 4;
 
 macro_rules! project {
-    ($t:ty, $short:ty, $lanes:ident, $read:ident, $write:ident, $splat:ident, $mul_add:ident, $shorten:expr) => {
+    ($t:ty, $short:ty, $lanes:ident, $read:ident, $write:ident, $splat:ident, $mul_add:ident) => {
         impl Project for $t {
             type Short = $short;
-            const HAS_SHORT: bool = size_of::<$short>() < size_of::<$t>();
-
-            #[inline(always)]
-            fn shorten(share: f64) -> $short {
-                $shorten(share)
-            }
 
             #[inline(always)]
             fn project<S: Simd, E: Entry<Self>, const G: usize>(
@@ -213,33 +222,8 @@ macro_rules! project {
         }
     };
 }
-/// Largest short entry.
-const LARGEST: f64 = 32767.0;
-project!(
-    f32,
-    i16,
-    F32_LANES,
-    as_simd_f32s,
-    as_mut_simd_f32s,
-    splat_f32s,
-    mul_add_f32s,
-    |s: f64| (s * LARGEST).round() as i16
-);
-project!(
-    f64,
-    f64,
-    F64_LANES,
-    as_simd_f64s,
-    as_mut_simd_f64s,
-    splat_f64s,
-    mul_add_f64s,
-    |s: f64| s * LARGEST
-);
-
-/// Returns the unit of the short entries of a rank whose largest entry is `largest`.
-pub(crate) fn short_unit(largest: f64) -> f64 {
-    if largest > 0.0 { largest / LARGEST } else { 0.0 }
-}
+project!(f32, i16, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, mul_add_f32s);
+project!(f64, f64, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, mul_add_f64s);
 
 /// Calls a method for all frames, a few at a time: `by_frames!(frames, |G, first| call)`.
 macro_rules! by_frames {

@@ -11,7 +11,7 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Number of right-hand sides that are solved together.
 pub(crate) const SIDES: usize = 8;
@@ -89,24 +89,16 @@ impl Laplacian {
     }
 
     /// Solves for [`SIDES`] right-hand sides in place, `x` `[unknown]`; `work` has the same length.
-    pub(crate) fn solve(&self, arch: Arch, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
-        arch.dispatch(Solve { laplacian: self, x, work });
+    pub(crate) fn solve(&self, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
+        Arch::new().dispatch(
+            #[inline(always)]
+            || self.substitute(x, work),
+        );
     }
-}
-
-struct Solve<'a> {
-    laplacian: &'a Laplacian,
-    x: &'a mut [[f64; SIDES]],
-    work: &'a mut [[f64; SIDES]],
-}
-
-impl WithSimd for Solve<'_> {
-    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { laplacian, x, work } = self;
-        let Laplacian { starts, rows, values, order } = laplacian;
+    fn substitute(&self, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
+        let Self { starts, rows, values, order } = self;
         work.iter_mut().zip(order).for_each(|(row, &p)| *row = x[p as usize]);
         let column = |j: usize| {
             let range = starts[j] as usize..starts[j + 1] as usize;

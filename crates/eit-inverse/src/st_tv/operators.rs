@@ -2,13 +2,15 @@
 
 use super::differences::{Basis, Places, ScaledRows};
 use super::gradient::Gradient;
-use super::lanes::{BLOCKS, LANES, PANEL, Project, short_unit};
+use super::lanes::{BLOCKS, Entry, LANES, PANEL, Project};
 use faer::MatRef;
+use pulp::Arch;
 
 /// Operators of one problem in one floating-point type. Arrays over cells or groups have the layout of
 /// [`super::differences`].
 #[derive(Debug, Clone)]
 pub(crate) struct Operators<T: Project> {
+    pub(crate) arch: Arch,
     pub(crate) places: Places,
     pub(crate) basis: Basis<T>,
     pub(crate) groups: usize,
@@ -17,7 +19,7 @@ pub(crate) struct Operators<T: Project> {
     pub(crate) padded: usize,
     /// `V` by panels of cells, `[panel][padded rank]`; zero in cells without an unknown.
     pub(crate) panels: Vec<[T; PANEL]>,
-    /// The same with short entries, and the unit of each rank; empty if the type has no short entries.
+    /// The same with short entries, in units of each rank.
     pub(crate) short: Vec<[T::Short; PANEL]>,
     pub(crate) short_units: Vec<T>,
     /// `V` by unknowns, `[unknown][padded rank]`.
@@ -68,22 +70,17 @@ impl<T: Project> Operators<T> {
             }
             longest_row = longest_row.max(square.sqrt());
         }
-        let units: Vec<f64> = largest.into_iter().map(short_unit).collect();
-        let mut short = Vec::new();
-        if T::HAS_SHORT {
-            for (row, panel) in panels.iter().enumerate() {
-                let unit = units[row % padded];
-                let most = short_unit(1.0) / unit;
-                short.push(std::array::from_fn(|l| {
-                    T::shorten(if unit > 0.0 { panel[l].to_f64() * most } else { 0.0 })
-                }));
-            }
-        }
+        let units: Vec<f64> = largest.into_iter().map(T::Short::unit).collect();
+        let shorten = |(row, panel): (usize, &[T; PANEL])| {
+            panel.map(|value| T::Short::rounded(value.to_f64() / units[row % padded]))
+        };
+        let short = panels.iter().enumerate().map(shorten).collect();
         let square = |radii: &[f64]| radii.iter().map(|r| r * r).sum::<f64>().sqrt();
         let mean = |radii: &[f64]| radii.iter().sum::<f64>() / radii.len().max(1) as f64;
         let mean_radius = mean(&scaled.sizes);
         let (adjoint_terms, norm_squared) = norms(scaled, unknowns);
         Self {
+            arch: Arch::new(),
             groups: basis.group_length(&places),
             places,
             basis,

@@ -17,12 +17,10 @@ use super::laplacian::Laplacian;
 use super::operators::Operators;
 use crate::InverseError;
 use faer::MatRef;
-use pulp::Arch;
 
 /// What evaluations in `f64` need of a skin.
 #[derive(Debug, Clone)]
 pub(crate) struct Skin {
-    pub(crate) arch: Arch,
     pub(crate) operators: Operators<f64>,
     pub(crate) laplacian: Laplacian,
     pub(crate) parts: Parts,
@@ -39,7 +37,6 @@ impl Skin {
     ) -> Result<Self, InverseError> {
         let parts = Parts::new(gradient, basis);
         Ok(Self {
-            arch: Arch::new(),
             operators: Operators::new(basis, gradient, scaled),
             laplacian: Laplacian::new(scaled, &parts.label, parts.sizes.len())?,
             parts,

@@ -3,40 +3,57 @@
 use super::lanes::{BLOCKS, LANES, Lane, Project, by_frames, each, load, splat, store, total};
 use super::operators::Operators;
 use pulp::{Simd, WithSimd};
-
-/// Computes `V' x` of all frames, with products and sums in `T` over [`SUMMED_PANELS`] panels, then in `f64`.
-///
-/// Panels of zeros are skipped. The speed is limited by memory bandwidth: `V` is read once for four frames, `4 n rank`
-/// bytes in `f32` and twice that in `f64`.
-pub(crate) struct Analyse<'a, T: Project, X> {
-    pub(crate) ops: &'a Operators<T>,
-    pub(crate) frames: usize,
-    /// Over cells.
-    pub(crate) x: &'a [X],
-    /// Number of ranks that are computed, a multiple of the lanes.
-    pub(crate) ranks: usize,
-    /// Scratch memory, `[padded rank]` of a few frames.
-    pub(crate) sums: &'a mut [Lane<T>],
-    /// `[frame][padded rank]`.
-    pub(crate) out: &'a mut [f64],
-}
+use std::ops::Range;
 
 /// Number of panels whose products are summed in a lane before conversion to `f64`.
 pub(crate) const SUMMED_PANELS: usize = 8;
+
+impl<T: Project> Operators<T> {
+    /// Computes the first `ranks`, a multiple of the lanes, of `V' x` of all frames, `[frame][padded rank]`. Products
+    /// and sums are in `T` over [`SUMMED_PANELS`] panels, then in `f64`.
+    ///
+    /// `x` is over cells; `sums` is scratch memory, `[padded rank]` of a few frames. Panels of zeros are skipped. The
+    /// speed is limited by memory bandwidth: `V` is read once for four frames, `4 n rank` bytes in `f32` and twice
+    /// that in `f64`.
+    pub(crate) fn analyse<X: Project>(
+        &self,
+        x: &[X],
+        ranks: usize,
+        sums: &mut [Lane<T>],
+        out: &mut [f64],
+    ) {
+        self.arch.dispatch(Analyse { ops: self, x, ranks, sums, out });
+    }
+
+    /// Computes `out = V z`, or adds it, on all cells of all frames, over a range of ranks; `z` is
+    /// `[frame][padded rank]`.
+    pub(crate) fn expand(&self, z: &[T], ranks: Range<usize>, add: bool, out: &mut [T]) {
+        self.arch.dispatch(Expand { ops: self, ranks, z, add, out });
+    }
+}
+
+struct Analyse<'a, T: Project, X> {
+    ops: &'a Operators<T>,
+    x: &'a [X],
+    ranks: usize,
+    sums: &'a mut [Lane<T>],
+    out: &'a mut [f64],
+}
 
 impl<T: Project, X: Project> WithSimd for Analyse<'_, T, X> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        by_frames!(self.frames, |G, first| self.frames::<S, G>(simd, first));
+        let frames = self.out.len() / self.ops.padded;
+        by_frames!(frames, |G, first| self.frames::<S, G>(simd, first));
     }
 }
 
 impl<T: Project, X: Project> Analyse<'_, T, X> {
     #[inline(always)]
     fn frames<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
-        let Self { ops, x, ranks, sums, out, .. } = self;
+        let Self { ops, x, ranks, sums, out } = self;
         let (cells, padded) = (ops.cells(), ops.padded);
         let (sums, out) = (&mut sums[..G * padded], &mut out[first * padded..][..G * padded]);
         out.fill(0.0);
@@ -48,9 +65,8 @@ impl<T: Project, X: Project> Analyse<'_, T, X> {
             for (f, w) in w.iter_mut().enumerate() {
                 for (w, &at) in w.iter_mut().zip(blocks) {
                     let x = load(x, (first + f) * cells + at);
-                    let own = each(|l| T::from_f64(x[l].to_f64()));
-                    largest = each(|l| largest[l].max(own[l].abs()));
-                    *w = own;
+                    *w = each(|l| T::from_f64(x[l].to_f64()));
+                    largest = each(|l| largest[l].max(w[l].abs()));
                 }
             }
             if largest != splat(T::default()) {
@@ -70,24 +86,17 @@ impl<T: Project, X: Project> Analyse<'_, T, X> {
 #[inline(always)]
 fn flush<T: Project>(sums: &mut [Lane<T>], out: &mut [f64]) {
     for (sum, out) in sums.iter_mut().zip(out) {
-        let mut wide = [0.0; LANES];
-        for l in 0..LANES {
-            wide[l] = sum[l].to_f64();
-        }
-        *out += total(&wide);
+        *out += total(&each(|l| sum[l].to_f64()));
         *sum = [T::default(); LANES];
     }
 }
 
-/// Computes `out = V z`, or adds it, on all cells of all frames, over a range of ranks.
-pub(crate) struct Expand<'a, T: Project> {
-    pub(crate) ops: &'a Operators<T>,
-    pub(crate) frames: usize,
-    pub(crate) ranks: std::ops::Range<usize>,
-    /// `[frame][padded rank]`.
-    pub(crate) z: &'a [T],
-    pub(crate) add: bool,
-    pub(crate) out: &'a mut [T],
+struct Expand<'a, T: Project> {
+    ops: &'a Operators<T>,
+    ranks: Range<usize>,
+    z: &'a [T],
+    add: bool,
+    out: &'a mut [T],
 }
 
 impl<T: Project> WithSimd for Expand<'_, T> {
@@ -95,14 +104,15 @@ impl<T: Project> WithSimd for Expand<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        by_frames!(self.frames, |G, first| self.frames::<S, G>(simd, first));
+        let frames = self.z.len() / self.ops.padded;
+        by_frames!(frames, |G, first| self.frames::<S, G>(simd, first));
     }
 }
 
 impl<T: Project> Expand<'_, T> {
     #[inline(always)]
     fn frames<S: Simd, const G: usize>(&mut self, simd: S, first: usize) {
-        let Self { ops, ranks, z, add, out, .. } = self;
+        let Self { ops, ranks, z, add, out } = self;
         let (cells, padded) = (ops.cells(), ops.padded);
         let z = &z[first * padded + ranks.start..(first + G - 1) * padded + ranks.end];
         for (panel, blocks) in ops.places.blocks.chunks_exact(BLOCKS).enumerate() {

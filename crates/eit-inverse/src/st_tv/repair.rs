@@ -5,23 +5,23 @@
 //! channels than parts, the bound duals `p` take what is left. The remainder is removed by the smallest flow `D z` with
 //! `D' D z = e`.
 
-mod passes;
-
 use super::bound::{Bound, of_data};
-use super::dense::multiply;
-use super::differences::for_basis;
+use super::dense::{multiply, solve_semidefinite};
+use super::differences::{Differences, for_basis};
+use super::duals::Duals;
 use super::flow::{Boxes, Flow};
-use super::lanes::Project;
+use super::lanes::{Project, each, load, store};
 use super::laplacian::SIDES;
+use super::operators::Operators;
 use super::problem::Problem;
-use super::products::Expand;
-use passes::{Add, Duals, Excess, Subtract, solve_semidefinite};
 use std::ops::Range;
 
 /// Duals and memory. Arrays of parts are `[frame][part]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Repair {
-    pub(crate) duals: Duals,
+    pub(crate) duals: Duals<f64>,
+    /// `e`, then the potential `z`.
+    error: Vec<f64>,
     sides: [Vec<[f64; SIDES]>; 2],
     coefficients: Vec<f64>,
     /// Sums of the error over each part.
@@ -36,26 +36,14 @@ impl Repair {
     pub(crate) fn new(problem: &Problem<'_>) -> Self {
         let (frames, exact) = (problem.frames(), &problem.skin.operators);
         let (cells, parts) = (exact.cells(), problem.skin.parts.sizes.len());
-        let zeros = |is_used: bool, count: usize| vec![0.0; if is_used { count } else { 0 }];
         Self {
-            duals: Duals {
-                flow: std::array::from_fn(|_| vec![0.0; frames * exact.groups]),
-                links: zeros(problem.linked(), (frames + 1) * cells),
-                held: zeros(problem.bounds.is_some(), frames * cells),
-                error: vec![0.0; frames * cells],
-            },
+            duals: Duals::new(exact, problem, problem.bounds.is_some()),
+            error: vec![0.0; frames * cells],
             sides: std::array::from_fn(|_| vec![[0.0; SIDES]; exact.unknowns()]),
             coefficients: vec![0.0; frames * exact.padded],
             sums: vec![0.0; frames * parts],
             gram: vec![0.0; parts * (parts + 1)],
             ones: vec![0.0; frames * parts * exact.rank],
-        }
-    }
-
-    pub(crate) fn clear(&mut self) {
-        let [first, second] = &mut self.duals.flow;
-        for array in [first, second, &mut self.duals.links, &mut self.duals.held] {
-            array.fill(0.0);
         }
     }
 
@@ -67,12 +55,7 @@ impl Repair {
         images: &[f64],
         how: Boxes,
     ) {
-        let [first, second] = &mut self.duals.flow;
-        let pairs =
-            [(first, &flow.flow[0]), (second, &flow.flow[1]), (&mut self.duals.links, &flow.links)];
-        for (to, from) in pairs {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = from.to_f64());
-        }
+        self.duals.take(&flow.duals, 1.0);
         if self.duals.held.is_empty() {
             return;
         }
@@ -253,48 +236,64 @@ impl Repair {
 
     /// Computes the error of the equation and removes it from `q`.
     fn remove_error(&mut self, problem: &Problem<'_>, dual: &[f64]) {
-        let (arch, ops) = (problem.skin.arch, &problem.skin.operators);
+        let ops = &problem.skin.operators;
         let (cells, rank, frames) = (ops.cells(), ops.rank, problem.frames());
         let rows =
             self.coefficients.chunks_exact_mut(ops.padded).zip(dual.chunks_exact(ops.padded));
         for (frame, (c, y)) in rows.enumerate() {
             problem.mode(frame).apply_transposed(&y[..rank], &mut c[..rank]);
         }
-        let (z, out) = (&self.coefficients, &mut self.duals.error);
-        arch.dispatch(Expand { ops, frames, ranks: 0..ops.padded, z, add: false, out });
-        for_basis!(arch, ops.basis, |differences| Add { ops, differences, duals: &mut self.duals });
+        ops.expand(&self.coefficients, 0..ops.padded, false, &mut self.error);
+        for_basis!(ops, |differences| self.add_forces(ops, differences));
         let [x, work] = &mut self.sides;
         for first in (0..frames).step_by(SIDES) {
             let known = SIDES.min(frames - first);
             for (x, &cell) in x.iter_mut().zip(&ops.places.cells) {
                 *x = [0.0; SIDES];
                 for (l, x) in x.iter_mut().enumerate().take(known) {
-                    *x = self.duals.error[(first + l) * cells + cell];
+                    *x = self.error[(first + l) * cells + cell];
                 }
             }
-            problem.skin.laplacian.solve(arch, x, work);
+            problem.skin.laplacian.solve(x, work);
             for (x, &cell) in x.iter().zip(&ops.places.cells) {
                 for (l, x) in x.iter().enumerate().take(known) {
-                    self.duals.error[(first + l) * cells + cell] = *x;
+                    self.error[(first + l) * cells + cell] = *x;
                 }
             }
         }
-        for_basis!(arch, ops.basis, |differences| Subtract {
-            ops,
-            differences,
-            duals: &mut self.duals
-        });
+        for_basis!(ops, |differences| self.subtract_potential(ops, differences));
+    }
+
+    /// Adds the forces of all duals but `y` to the error.
+    #[inline(always)]
+    fn add_forces<D: Differences<f64>>(&mut self, ops: &Operators<f64>, differences: &D) {
+        for (frame, error) in self.error.chunks_exact_mut(ops.cells()).enumerate() {
+            for (block, &at) in ops.places.blocks.iter().enumerate() {
+                let e = self.duals.pull(differences, frame, (block, at), load(error, at));
+                store(error, at, e);
+            }
+        }
+    }
+
+    /// Computes `q -= D z` with `z` in the place of the error.
+    #[inline(always)]
+    fn subtract_potential<D: Differences<f64>>(&mut self, ops: &Operators<f64>, differences: &D) {
+        for (frame, z) in self.error.chunks_exact(ops.cells()).enumerate() {
+            for &at in differences.group_blocks() {
+                let (change, here) = (differences.difference(z, at), frame * ops.groups + at);
+                for (q, change) in self.duals.flow.iter_mut().zip(change) {
+                    let own = load(q, here);
+                    store(q, here, each(|l| own[l] - change[l]));
+                }
+            }
+        }
     }
 
     /// Returns the bound at the best feasible scale.
     fn scaled(&self, problem: &Problem<'_>, dual: &[f64]) -> Bound {
-        let (arch, basis) = (problem.skin.arch, &problem.skin.operators.basis);
         let is_unbalanced = self.is_unbalanced(problem, dual, 0..problem.frames());
-        let excess = for_basis!(arch, *basis, |differences| Excess {
-            problem,
-            differences,
-            duals: &self.duals
-        });
+        let (space, time) = (problem.lambda_space, problem.lambda_time);
+        let excess = self.duals.largest_ratio(&problem.skin.operators, space, time);
         let [constant, linear, square] = of_data(problem, dual);
         if is_unbalanced || !excess.is_finite() {
             return Bound::scaled(constant, 0.0, 0.0, 0.0);

@@ -16,11 +16,3 @@ pub(super) const LEAN: f64 = 0.4;
 
 /// Gap below which `f32` rounding errors matter.
 pub(super) const SINGLE_PRECISION_GAP: f64 = 1e-4;
-
-/// Returns the relative gap of a primal value and a lower bound; 0 where rounding puts the bound above.
-pub(super) fn relative_gap(primal: f64, lower_bound: f64) -> f64 {
-    match primal - lower_bound {
-        gap if gap <= 0.0 => 0.0,
-        gap => gap / primal.abs(),
-    }
-}

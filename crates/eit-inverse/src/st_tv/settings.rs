@@ -78,11 +78,6 @@ pub(crate) struct Weights {
 }
 
 impl StTvSettings {
-    pub(crate) fn weights(&self) -> Weights {
-        let Self { lambda_space, lambda_time, fidelity, .. } = *self;
-        Weights { lambda_space, lambda_time, fidelity }
-    }
-
     /// Rejects settings out of range.
     pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         check_positive("lambda_space", self.lambda_space)?;
@@ -101,9 +96,13 @@ impl StTvSettings {
         Ok(())
     }
 
-    /// Returns whether the problem has bounds.
-    pub(crate) fn bounded(&self) -> bool {
-        self.lower_s.is_finite() || self.upper_s.is_finite()
+    pub(crate) fn bounds_s(&self) -> [f64; 2] {
+        [self.lower_s, self.upper_s]
+    }
+
+    /// Returns the conductivity change within the bounds that is nearest to zero.
+    pub(crate) fn nearest_zero_s(&self) -> f64 {
+        0.0_f64.clamp(self.lower_s, self.upper_s)
     }
 }
 

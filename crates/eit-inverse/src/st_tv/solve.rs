@@ -3,7 +3,7 @@
 use super::StTv;
 use super::run::Run;
 use super::schedule::SINGLE_PRECISION_GAP;
-use super::settings::{Stop, Weights};
+use super::settings::{StTvSettings, Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
 use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceStatus};
@@ -28,24 +28,15 @@ impl StTv {
         frames: &DifferenceFrames<'_>,
         stop: &Stop,
     ) -> Result<ImageSequence, InverseError> {
-        self.solve_with(self.settings.weights(), frames, stop)
-    }
-
-    /// [`StTv::solve`] with other weights.
-    pub(crate) fn solve_with(
-        &self,
-        weights: Weights,
-        frames: &DifferenceFrames<'_>,
-        stop: &Stop,
-    ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check(self.compression.measurements)?;
         if frames.values.nrows() == 0 {
             return Err(InverseError::WrongLength { what: "frames", found: 0, wanted: 1 });
         }
         check_positive("target_gap", stop.target_gap)?;
-        let task = Task::new(self, weights, frames)?;
-        if task.scale == 0.0 {
+        let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
+        let task = Task::new(self, Weights { lambda_space, lambda_time, fidelity }, frames)?;
+        if task.is_zero {
             return Ok(task.nothing(start));
         }
         let mut run = if stop.target_gap < SINGLE_PRECISION_GAP {

@@ -1,7 +1,7 @@
 //! Mutable state of the iteration: images, dual variables and step map.
 
-use super::chain::Chain;
-use super::float::Float;
+use super::chain::{Chain, is_exact};
+use super::duals::{Duals, convert};
 use super::lanes::{LANES, Lane, Project};
 use super::operators::Operators;
 use super::problem::Problem;
@@ -28,12 +28,7 @@ pub(crate) struct State<T: Project> {
     pub(crate) fresh: Vec<T>,
     /// `w`, then `x- = origin + 2 d^ - d`.
     pub(crate) work: Vec<T>,
-    /// `q`, the dual of the gradient, by component.
-    pub(crate) flow: [Vec<T>; 2],
-    /// `q_t`, the dual of the link to the frame before, between two rows of zeros; empty without links.
-    pub(crate) links: Vec<T>,
-    /// `p`, the joint dual of anchor and bounds; empty without both.
-    pub(crate) force: Vec<T>,
+    pub(crate) duals: Duals<T>,
     /// Force of the tail of the data term.
     pub(crate) tail: Vec<T>,
     /// Whether `tail` is not zero.
@@ -64,7 +59,6 @@ impl<T: Project> State<T> {
         let zeros = |count: usize| vec![T::default(); count];
         let bounded = problem.bounds.is_some();
         let held = bounded || problem.is_held();
-        let only = |is_used: bool, count: usize| zeros(if is_used { count } else { 0 });
         Self {
             frames,
             cells,
@@ -73,17 +67,15 @@ impl<T: Project> State<T> {
             change: zeros(frames * cells),
             fresh: zeros(frames * cells),
             work: zeros(frames * cells),
-            flow: [zeros(frames * groups), zeros(frames * groups)],
-            links: only(problem.linked(), (frames + 1) * cells),
-            force: only(held, frames * cells),
+            duals: Duals::new(ops, problem, held),
             tail: zeros(frames * cells),
             has_tail: false,
-            room: std::array::from_fn(|_| only(bounded, frames * cells)),
+            room: std::array::from_fn(|_| zeros(if bounded { frames * cells } else { 0 })),
             tau: zeros(spans * cells),
             cell_step: zeros(spans * cells),
             group_step: zeros(spans * groups),
             split: [1.0; 3],
-            chain: None,
+            chain: is_exact(ops, problem).then(|| Chain::new(frames)),
             is_centred: false,
             sums: vec![[T::default(); LANES]; TOGETHER.min(frames) * ops.padded],
             coefficients: zeros(frames * ops.padded),
@@ -105,42 +97,19 @@ impl<T: Project> State<T> {
             convert(from, 1.0, to);
         }
         (self.split, self.is_centred) = (other.split, other.is_centred);
-        self.chain = other.chain.as_ref().map(|_| Chain::new(self.frames));
     }
 
     /// Copies changes and duals of another precision.
     pub(crate) fn take_iterate<U: Project>(&mut self, other: &State<U>) {
-        self.take_duals(other, 1.0);
+        self.duals.take(&other.duals, 1.0);
         convert(&other.change, 1.0, &mut self.change);
         convert(&other.fresh, 1.0, &mut self.fresh);
     }
 
-    /// Copies the duals of another iterate of the same frames, times a factor.
-    pub(crate) fn take_duals<U: Project>(&mut self, other: &State<U>, factor: f64) {
-        let [first, second] = &mut self.flow;
-        let pairs = [
-            (first, &other.flow[0]),
-            (second, &other.flow[1]),
-            (&mut self.links, &other.links),
-            (&mut self.force, &other.force),
-        ];
-        pairs.into_iter().for_each(|(to, from)| convert(from, factor, to));
-    }
-
     /// Sets image and duals to zero.
     pub(crate) fn clear(&mut self) {
-        self.change.fill(T::default());
-        self.fresh.fill(T::default());
-        self.scale_duals(0.0);
-    }
-
-    /// Multiplies the duals.
-    pub(crate) fn scale_duals(&mut self, factor: f64) {
-        let factor = T::from_f64(factor);
-        let [first, second] = &mut self.flow;
-        for array in [first, second, &mut self.links, &mut self.force] {
-            array.iter_mut().for_each(|v| *v = *v * factor);
-        }
+        self.start_at_origin();
+        self.duals.scale(0.0);
     }
 
     /// Counts changes from other images, over cells; the iterate stays.
@@ -173,10 +142,14 @@ impl<T: Project> State<T> {
         self.fresh.fill(T::default());
     }
 
+    /// Returns the images, over cells.
+    pub(crate) fn images(&self) -> impl Iterator<Item = T> {
+        self.origin.iter().zip(&self.change).map(|(x, d)| *x + *d)
+    }
+
     /// Returns the largest absolute value of the images.
     pub(crate) fn size(&self) -> f64 {
-        let images = self.origin.iter().zip(&self.change);
-        images.fold(T::default(), |most, (x, d)| most.max((*x + *d).abs())).to_f64()
+        self.images().fold(T::default(), |most, x| most.max(x.abs())).to_f64()
     }
 
     /// Returns the step of an unknown.
@@ -188,8 +161,4 @@ impl<T: Project> State<T> {
     pub(crate) fn spans(&self) -> usize {
         self.frames.div_ceil(SPAN)
     }
-}
-
-fn convert<T: Float, U: Float>(from: &[U], factor: f64, to: &mut [T]) {
-    to.iter_mut().zip(from).for_each(|(to, from)| *to = T::from_f64(factor * from.to_f64()));
 }

@@ -16,7 +16,6 @@ use super::lanes::{Lane, Project, each, largest, load, splat, store};
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{SPAN, State};
-use pulp::{Arch, Simd, WithSimd};
 
 /// Fraction of the balanced step that works best at the start, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
@@ -74,15 +73,12 @@ pub(crate) fn guess<T: Project>(
 /// Returns the balanced step of an iterate.
 pub(crate) fn measure<T: Project>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
     let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
-    let images = state.origin.iter().zip(&state.change);
-    let image = images.map(|(x, d)| (*x + *d).to_f64().powi(2)).sum();
-    let space = square(&state.flow[0]) + square(&state.flow[1]);
+    let image = state.images().map(|x| x.to_f64().powi(2)).sum();
+    let duals = &state.duals;
+    let space = square(&duals.flow[0]) + square(&duals.flow[1]);
     let rest = match state.chain {
-        Some(_) => {
-            let State { frames, cells, links, force, .. } = state;
-            weighted(*frames, *cells, |at| merged(links, force, *cells, at), |_| 1.0)
-        }
-        None => square(&state.links) + square(&state.force),
+        Some(_) => weighted(state.frames, state.cells, |at| duals.merged(at), |_| 1.0),
+        None => square(&duals.links) + square(&duals.held),
     };
     balanced(image, space + rest, total_norm(ops, state))
 }
@@ -92,8 +88,8 @@ fn squared_norms<T: Project>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
     if state.chain.is_some() {
         return [ops.norm_squared, 1.0, 0.0];
     }
-    let time = if state.links.is_empty() { 0.0 } else { 4.0 };
-    let held = if state.force.is_empty() { 0.0 } else { 1.0 };
+    let time = if state.duals.links.is_empty() { 0.0 } else { 4.0 };
+    let held = if state.duals.held.is_empty() { 0.0 } else { 1.0 };
     [ops.norm_squared, time, held]
 }
 
@@ -103,23 +99,18 @@ fn total_norm<T: Project>(ops: &Operators<T>, state: &State<T>) -> f64 {
 }
 
 /// Sets one step for all unknowns.
-pub(crate) fn set_uniform<T: Project>(
-    arch: Arch,
-    ops: &Operators<T>,
-    state: &mut State<T>,
-    tau: f64,
-) {
+pub(crate) fn set_uniform<T: Project>(ops: &Operators<T>, state: &mut State<T>, tau: f64) {
     let tau = T::from_f64(tau);
     for own in state.tau.chunks_exact_mut(state.cells) {
         own.iter_mut().zip(&ops.inside).for_each(|(own, inside)| *own = *inside * tau);
     }
-    set_even(arch, ops, state);
+    set_even(ops, state);
 }
 
 /// Sets `Sigma` with equal `sigma tau` for space, time, and anchor and bounds.
-pub(crate) fn set_even<T: Project>(arch: Arch, ops: &Operators<T>, state: &mut State<T>) {
+pub(crate) fn set_even<T: Project>(ops: &Operators<T>, state: &mut State<T>) {
     state.split = [1.0 / total_norm(ops, state); 3];
-    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state });
+    set_sigma(ops, state);
 }
 
 /// Size of the steps of a balanced map.
@@ -134,7 +125,6 @@ pub(crate) struct MapSize {
 /// Sets balanced steps from the gradient of the images. Returns false and changes nothing if the images or the
 /// duals are zero or not finite.
 pub(crate) fn set_map<T: Project>(
-    arch: Arch,
     ops: &Operators<T>,
     state: &mut State<T>,
     scratch: &mut MapScratch<T>,
@@ -146,11 +136,11 @@ pub(crate) fn set_map<T: Project>(
     }
     scratch.before.copy_from_slice(&state.tau);
     scratch.clear();
-    scratch.take_images(state);
-    scratch.raise_to_gradient(arch, ops, state.frames);
+    scratch.take(state.images());
+    scratch.raise_to_gradient(ops, state.frames);
     scratch.set_tau(state, ops, size, steps.floor, 1.0);
     let split = std::mem::replace(&mut state.split, [1.0; 3]);
-    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state: &mut *state });
+    set_sigma(ops, state);
     let factor = balance(ops, state);
     match factor {
         Some(factor) => {
@@ -162,7 +152,7 @@ pub(crate) fn set_map<T: Project>(
             state.tau.copy_from_slice(&scratch.before);
         }
     }
-    for_basis!(arch, ops.basis, |differences| Sigma { ops, differences, state });
+    set_sigma(ops, state);
     factor.is_some()
 }
 
@@ -187,12 +177,6 @@ pub(crate) fn weighted(
     sum
 }
 
-/// Returns `D_t' q_t + p`.
-pub(crate) fn merged<T: Project>(links: &[T], force: &[T], cells: usize, at: usize) -> f64 {
-    let held = force.get(at).copied().unwrap_or_default();
-    ((links[at] - links[at + cells]) + held).to_f64()
-}
-
 /// Splits `sum |.|^2 sigma tau <= 1` between the duals of space, time, and anchor and bounds according to their
 /// norms, and returns the factor that balances images and duals.
 ///
@@ -203,7 +187,7 @@ pub(crate) fn merged<T: Project>(links: &[T], force: &[T], cells: usize, at: usi
 /// with `N_i` the squared norms of the duals, weighted by `tau`, and `c_i` the squared operator norms. The steps must
 /// be those of a split of 1.
 fn balance<T: Project>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
-    let State { frames, cells, groups, origin, change, flow, links, force, tau, .. } = &*state;
+    let State { frames, cells, groups, origin, change, duals, tau, .. } = &*state;
     let (frames, cells) = (*frames, *cells);
     let x = |at: usize| (origin[at] + change[at]).to_f64();
     let mean = |frame: usize| {
@@ -216,15 +200,15 @@ fn balance<T: Project>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> 
     let tau = |step: usize| tau[step].to_f64();
     let per_sigma = |step: usize| 1.0 / state.group_step[step].to_f64();
     let of_flow = |q: &[T]| weighted(frames, *groups, |at| q[at].to_f64(), per_sigma);
-    let space = of_flow(&flow[0]) + of_flow(&flow[1]);
+    let space = of_flow(&duals.flow[0]) + of_flow(&duals.flow[1]);
     let carried = match state.chain {
-        Some(_) => [space, weighted(frames, cells, |at| merged(links, force, cells, at), tau), 0.0],
+        Some(_) => [space, weighted(frames, cells, |at| duals.merged(at), tau), 0.0],
         None => {
             let of = |q: &[T]| {
                 let known = if q.is_empty() { 0 } else { frames };
                 weighted(known, cells, |at| q[at].to_f64(), tau)
             };
-            [space, of(links), of(force)]
+            [space, of(&duals.links), of(&duals.held)]
         }
     };
     let norms = squared_norms(ops, state);
@@ -280,25 +264,14 @@ impl<T: Project> MapScratch<T> {
         }
     }
 
-    /// Takes the images of an iterate.
-    fn take_images(&mut self, state: &State<T>) {
-        let images = state.origin.iter().zip(&state.change);
-        self.images.iter_mut().zip(images).for_each(|(out, (x, d))| *out = *x + *d);
-    }
-
-    /// Takes other images, over cells.
+    /// Takes images, over cells.
     pub(crate) fn take(&mut self, images: impl Iterator<Item = T>) {
         self.images.iter_mut().zip(images).for_each(|(own, x)| *own = x);
     }
 
     /// Raises the scale to at least the dilated gradient of the images.
-    pub(crate) fn raise_to_gradient(&mut self, arch: Arch, ops: &Operators<T>, frames: usize) {
-        for_basis!(arch, ops.basis, |differences| Dilate {
-            ops,
-            differences,
-            frames,
-            scratch: &mut *self
-        });
+    pub(crate) fn raise_to_gradient(&mut self, ops: &Operators<T>, frames: usize) {
+        for_basis!(ops, |differences| self.dilate(ops, differences, frames));
     }
 
     /// Sets `tau = factor sqrt(max(scale, floor size) / size)`; returns the largest.
@@ -324,23 +297,11 @@ impl<T: Project> MapScratch<T> {
         }
         largest(&most).to_f64()
     }
-}
 
-/// Computes the largest differences of the images of each span, dilated by two groups.
-struct Dilate<'a, T: Project, D> {
-    ops: &'a Operators<T>,
-    differences: &'a D,
-    frames: usize,
-    scratch: &'a mut MapScratch<T>,
-}
-
-impl<T: Project, D: Differences<T>> WithSimd for Dilate<'_, T, D> {
-    type Output = ();
-
+    /// Computes the largest differences of the images of each span, dilated by two groups.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, differences, frames, scratch } = self;
-        let MapScratch { scale, images, spread, groups, .. } = scratch;
+    fn dilate<D: Differences<T>>(&mut self, ops: &Operators<T>, differences: &D, frames: usize) {
+        let Self { scale, images, spread, groups, .. } = self;
         let cells = ops.cells();
         for (span, scale) in scale.chunks_exact_mut(cells).enumerate() {
             groups.fill(T::default());
@@ -370,33 +331,25 @@ impl<T: Project, D: Differences<T>> WithSimd for Dilate<'_, T, D> {
 }
 
 /// Computes `1 / tau` of the cells and `Sigma` of the groups.
-struct Sigma<'a, T: Project, D> {
-    ops: &'a Operators<T>,
-    differences: &'a D,
-    state: &'a mut State<T>,
+fn set_sigma<T: Project>(ops: &Operators<T>, state: &mut State<T>) {
+    for_basis!(ops, |differences| sigma(ops, differences, state));
 }
 
-impl<T: Project, D: Differences<T>> WithSimd for Sigma<'_, T, D> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, differences, state } = self;
-        let (cells, groups) = (state.cells, state.groups);
-        let space = T::from_f64(state.split[0]);
-        // smaller than any step: groups and cells without an unknown
-        let tiny = T::from_f64(f64::from(f32::MIN_POSITIVE).sqrt());
-        let State { tau, cell_step, group_step, .. } = state;
-        let spans = tau.chunks_exact(cells).zip(cell_step.chunks_exact_mut(cells));
-        for ((tau, cell), group) in spans.zip(group_step.chunks_exact_mut(groups.max(1))) {
-            for &at in &ops.places.blocks {
-                let (own, inside) = (load(tau, at), load(&ops.inside, at));
-                store(cell, at, each(|l| inside[l] / own[l].max(tiny)));
-            }
-            for &at in differences.group_blocks() {
-                let own = differences.group_largest(tau, at);
-                store(group, at, each(|l| space / own[l].max(tiny)));
-            }
+#[inline(always)]
+fn sigma<T: Project, D: Differences<T>>(ops: &Operators<T>, differences: &D, state: &mut State<T>) {
+    let space = T::from_f64(state.split[0]);
+    // smaller than any step: groups and cells without an unknown
+    let tiny = T::from_f64(f64::from(f32::MIN_POSITIVE).sqrt());
+    let State { cells, groups, tau, cell_step, group_step, .. } = state;
+    let spans = tau.chunks_exact(*cells).zip(cell_step.chunks_exact_mut(*cells));
+    for ((tau, cell), group) in spans.zip(group_step.chunks_exact_mut((*groups).max(1))) {
+        for &at in &ops.places.blocks {
+            let (own, inside) = (load(tau, at), load(&ops.inside, at));
+            store(cell, at, each(|l| inside[l] / own[l].max(tiny)));
+        }
+        for &at in differences.group_blocks() {
+            let own = differences.group_largest(tau, at);
+            store(group, at, each(|l| space / own[l].max(tiny)));
         }
     }
 }

@@ -1,8 +1,9 @@
 //! How far images and duals travel, from which long runs balance their steps.
 
+use super::duals::Duals;
 use super::lanes::Project;
 use super::state::State;
-use super::step::{merged, weighted};
+use super::step::weighted;
 
 /// Images and duals of an earlier iterate.
 ///
@@ -16,24 +17,20 @@ use super::step::{merged, weighted};
 /// programming using primal-dual hybrid gradient*, NeurIPS 2021, section 3.3) balance their steps likewise.
 pub(crate) struct Travel<T> {
     image: Vec<T>,
-    flow: [Vec<T>; 2],
-    links: Vec<T>,
-    force: Vec<T>,
+    duals: Duals<T>,
 }
 
 impl<T: Project> Travel<T> {
     /// Starts from the current iterate.
     pub(crate) fn from(state: &State<T>) -> Self {
-        let image = state.origin.iter().zip(&state.change).map(|(x, d)| *x + *d).collect();
-        let (flow, links, force) = (state.flow.clone(), state.links.clone(), state.force.clone());
-        Self { image, flow, links, force }
+        Self { image: state.images().collect(), duals: state.duals.clone() }
     }
 
     /// Returns `ratio` since the start or the last call, in the metric of the current steps: 1 if nothing moved,
     /// infinite if only the image did.
     pub(crate) fn ratio(&mut self, state: &State<T>) -> f64 {
-        let State { frames, cells, groups, origin, change, links, force, tau, split, .. } = state;
-        let (frames, cells) = (*frames, *cells);
+        let State { frames, cells, groups, origin, change, tau, split, .. } = state;
+        let (frames, cells, now, before) = (*frames, *cells, &state.duals, &self.duals);
         let moved = |at: usize| ((origin[at] + change[at]) - self.image[at]).to_f64();
         let image = weighted(frames, cells, moved, |step| state.cell_step[step].to_f64());
         let tau = |step: usize| tau[step].to_f64();
@@ -44,32 +41,22 @@ impl<T: Project> Travel<T> {
         let held = match state.chain {
             // exact steps change the sum
             Some(_) => {
-                let moved = |at: usize| {
-                    merged(links, force, cells, at) - merged(&self.links, &self.force, cells, at)
-                };
+                let moved = |at: usize| now.merged(at) - before.merged(at);
                 weighted(frames, cells, moved, tau) / split[1]
             }
-            None => of(links, &self.links) / split[1] + of(force, &self.force) / split[2],
+            None => {
+                of(&now.links, &before.links) / split[1] + of(&now.held, &before.held) / split[2]
+            }
         };
-        let flow: f64 = state.flow.iter().zip(&self.flow).fold(0.0, |sum, (now, before)| {
+        let flow: f64 = now.flow.iter().zip(&before.flow).fold(0.0, |sum, (now, before)| {
             let per_sigma = |step: usize| 1.0 / state.group_step[step].to_f64();
             sum + weighted(frames, *groups, |at| (now[at] - before[at]).to_f64(), per_sigma)
         });
-        self.restart(state);
+        self.image.iter_mut().zip(state.images()).for_each(|(own, x)| *own = x);
+        self.duals.take(&state.duals, 1.0);
         match (image / (flow + held)).sqrt() {
             ratio if ratio.is_nan() => 1.0,
             ratio => ratio,
         }
-    }
-
-    /// Starts again from the current iterate.
-    fn restart(&mut self, state: &State<T>) {
-        let images = state.origin.iter().zip(&state.change);
-        self.image.iter_mut().zip(images).for_each(|(own, (x, d))| *own = *x + *d);
-        for (own, q) in self.flow.iter_mut().zip(&state.flow) {
-            own.copy_from_slice(q);
-        }
-        self.links.copy_from_slice(&state.links);
-        self.force.copy_from_slice(&state.force);
     }
 }

@@ -8,9 +8,8 @@ use super::fit::DataSteps;
 use super::lanes::{BLOCKS, LANES, Lane, Project, each, load, total};
 use super::operators::Operators;
 use super::problem::Problem;
-use super::products::{Analyse, Expand, SUMMED_PANELS};
+use super::products::SUMMED_PANELS;
 use super::state::{State, TOGETHER};
-use pulp::{Simd, WithSimd};
 
 /// Maximum number of steps that move an image into the data constraint.
 const REPAIRS: usize = 8;
@@ -85,12 +84,10 @@ impl Candidate {
         steps: Option<(&State<T>, &DataSteps<T>)>,
     ) {
         for repairs in 0..=REPAIRS {
-            let Self { change: x, sums, coefficients: out, .. } = self;
-            let ops = &problem.skin.operators;
-            let (frames, ranks) = (problem.frames(), ops.padded);
-            problem.skin.arch.dispatch(Analyse { ops, frames, x, ranks, sums, out });
+            let exact = &problem.skin.operators;
+            exact.analyse(&self.change, exact.padded, &mut self.sums, &mut self.coefficients);
             let mut is_feasible = true;
-            for frame in 0..frames {
+            for frame in 0..problem.frames() {
                 let square = self.residual_of(problem, frame);
                 self.misfit[frame] = (square + problem.targets[frame].rest_squared).sqrt();
                 if let Some(ball) = problem.ball(frame) {
@@ -119,9 +116,7 @@ impl Candidate {
         ops: &Operators<T>,
         sums: &mut [Lane<T>],
     ) {
-        let (x, out) = (self.change.as_slice(), &mut self.coefficients);
-        let analyse = Analyse { ops, frames: 1, x, ranks: ops.padded, sums, out };
-        problem.skin.arch.dispatch(analyse);
+        ops.analyse(&self.change, ops.padded, sums, &mut self.coefficients);
         let root = self.residual_of(problem, 0).sqrt() + self.misfit_error(ops);
         self.misfit[0] = root.hypot(problem.targets[0].rest_squared.sqrt());
         self.finish(problem);
@@ -163,11 +158,7 @@ impl Candidate {
                 }
             }
         }
-        let variation = for_basis!(problem.skin.arch, exact.basis, |differences| Variation {
-            problem,
-            differences,
-            candidate: self
-        });
+        let variation = for_basis!(exact, |differences| self.variation(problem, differences));
         let squares: f64 = self.misfit.iter().map(|m| m * m).sum();
         self.primal = variation + if problem.delta.is_some() { 0.0 } else { 0.5 * squares };
     }
@@ -204,15 +195,7 @@ impl Candidate {
             let forces = &mut self.coefficients[at..][..ops.rank];
             multiply(&step.back[..ops.rank * rows], turned, forces);
         }
-        let (z, out) = (&self.coefficients, &mut self.images);
-        problem.skin.arch.dispatch(Expand {
-            ops,
-            frames,
-            ranks: 0..ops.padded,
-            z,
-            add: false,
-            out,
-        });
+        ops.expand(&self.coefficients, 0..ops.padded, false, &mut self.images);
         let [lower, upper] = problem.bounds.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
         for frame in 0..frames {
             for &cell in &ops.places.cells {
@@ -223,25 +206,14 @@ impl Candidate {
             }
         }
     }
-}
 
-/// Computes `lambda_space |D x|_{2,1} + lambda_time |D_t x|_1 + lambda_anchor |d|_1`.
-struct Variation<'a, D> {
-    problem: &'a Problem<'a>,
-    differences: &'a D,
-    candidate: &'a Candidate,
-}
-
-impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
-    type Output = f64;
-
+    /// Computes `lambda_space |D x|_{2,1} + lambda_time |D_t x|_1 + lambda_anchor |d|_1`.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { problem, differences, candidate } = self;
+    fn variation<D: Differences<f64>>(&self, problem: &Problem<'_>, differences: &D) -> f64 {
         let exact = &problem.skin.operators;
         let cells = exact.cells();
         let [mut space, mut time, mut held]: [Lane<f64>; 3] = [[0.0; LANES]; 3];
-        for image in candidate.images.chunks_exact(cells) {
+        for image in self.images.chunks_exact(cells) {
             for &at in differences.group_blocks() {
                 let [a, b] = differences.difference(image, at);
                 let radius = differences.group_radius(at);
@@ -253,7 +225,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
         }
         if problem.linked() {
             for frame in 1..problem.frames() {
-                let (before, own) = candidate.images[(frame - 1) * cells..].split_at(cells);
+                let (before, own) = self.images[(frame - 1) * cells..].split_at(cells);
                 for &at in &exact.places.blocks {
                     let (x, y) = (load(before, at), load(own, at));
                     let radius = differences.cell_radius(at);
@@ -263,7 +235,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
         }
         if let Some(anchor) = problem.anchor {
             for &at in &exact.places.blocks {
-                let (d, radius) = (load(&candidate.change, at), differences.cell_radius(at));
+                let (d, radius) = (load(&self.change, at), differences.cell_radius(at));
                 held = each(|l| radius[l].mul_add(d[l].abs(), held[l]));
             }
             held = each(|l| anchor.lambda * held[l]);

@@ -195,7 +195,7 @@ impl StTv {
             for (p, row) in solution.iter_mut().enumerate() {
                 *row = std::array::from_fn(|l| if l < known { varying(p, first + l) } else { 0.0 });
             }
-            self.skin.laplacian.solve(self.skin.arch, &mut solution, &mut work);
+            self.skin.laplacian.solve(&mut solution, &mut work);
             for l in 0..known {
                 // the constant of the solution on a part has no effect, as the right-hand side has mean 0
                 let rows = solution.iter().enumerate();
@@ -311,7 +311,7 @@ impl Trial<'_> {
         let weights = Weights { lambda_space, lambda_time, fidelity: Fidelity::Penalised };
         let task = Task::new(self.solver, weights, &self.sample)?;
         let start = Instant::now();
-        let sequence = if task.scale == 0.0 {
+        let sequence = if task.is_zero {
             task.nothing(start)
         } else {
             let target_gap = if self.last.is_some() { TRIAL_GAP } else { FIRST_GAP };

@@ -1,22 +1,19 @@
 //! The problem of one frame of a stream: iterations and evaluations of image and bound, until the gap is proven or a
 //! limit is reached.
-//!
-//! Over 400 lines because the numbers of one schedule, and the steps of one loop over both floating-point types, are
-//! best read together.
 
-use super::super::certificate::{Certificate, Effort, Iterate};
-use super::super::fit::DataSteps;
+use super::super::certificate::Effort;
+use super::super::engine::Engine;
 use super::super::iterate::Pace;
 use super::super::lanes::Project;
 use super::super::operators::Operators;
 use super::super::problem::{Anchor, Problem};
-use super::super::products::Expand;
+use super::super::record::Record;
 use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, SINGLE_PRECISION_GAP, SMOOTHING};
 use super::super::state::State;
-use super::super::step::{self, FLOOR, MapScratch};
-use super::record::Record;
+use super::super::step::{self, FLOOR};
+use super::proof::Proof;
 use super::settings::CausalSettings;
-use crate::InverseError;
+use crate::{InverseError, SequenceStatus};
 use std::time::Instant;
 
 /// Number of frames of a steady stream between two step maps.
@@ -65,18 +62,6 @@ const GROWTH: f64 = 0.15;
 /// Objective that is zero up to the accuracy of `f32`, in units where data and images have norm 1.
 const SMALLEST: f64 = 1e-7;
 
-/// Why the iteration stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
-    Proven,
-    Deadline,
-    Cap,
-    /// The gap cannot be proven in this floating-point type.
-    GaveUp,
-    /// The objective is zero up to rounding: no relative gap can be proven.
-    Vanished,
-}
-
 /// Limits of the iteration.
 #[derive(Debug, Clone, Copy)]
 struct Limits {
@@ -88,20 +73,6 @@ struct Limits {
     give_up: usize,
     /// Iterations before the first evaluation.
     first_look: usize,
-}
-
-/// The iteration in one floating-point type.
-#[derive(Debug, Clone)]
-struct Engine<T: Project> {
-    state: State<T>,
-    data: DataSteps<T>,
-    map: MapScratch<T>,
-    certificate: Certificate<T>,
-    column: Vec<f64>,
-    /// Duration of an evaluation, seconds.
-    look_seconds: f64,
-    /// Whether the next bound of a frame that is not linked keeps the data dual.
-    is_plain: bool,
 }
 
 /// Scale of the images, the largest value of anchor and innovation, and the factor on the step and smoothing.
@@ -127,11 +98,13 @@ impl Scale {
     }
 }
 
-/// Engines in both floating-point types, and what a frame keeps for the next.
+/// Engines in both floating-point types, the result of a frame, and what it keeps for the next.
 #[derive(Debug, Clone)]
 pub(super) struct Frames {
     single: Engine<f32>,
     double: Engine<f64>,
+    pub(super) record: Record,
+    pub(super) proof: Proof,
     scale: Scale,
     /// Running mean of the innovation, iterations of the last two frames, frames since the last map, and in all.
     usual: f64,
@@ -143,8 +116,10 @@ pub(super) struct Frames {
 impl Frames {
     pub(super) fn new(problem: &Problem<'_>, single: &Operators<f32>) -> Self {
         Self {
-            single: Engine::new(problem, single),
-            double: Engine::new(problem, &problem.skin.operators),
+            single: Engine::new(problem, single, 1),
+            double: Engine::new(problem, &problem.skin.operators, 1),
+            record: Record::new(problem),
+            proof: Proof::new(problem),
             scale: Scale::default(),
             usual: 0.0,
             recent: [0; 2],
@@ -158,6 +133,12 @@ impl Frames {
         self.map_age = MAP_EVERY;
     }
 
+    /// Discards the result of the last frame.
+    pub(super) fn clear_result(&mut self) {
+        self.record.clear();
+        self.proof.clear();
+    }
+
     /// Sets the duals to zero.
     pub(super) fn clear(&mut self) {
         self.single.state.clear();
@@ -168,20 +149,19 @@ impl Frames {
     pub(super) fn grow(&mut self, factor: f64, is_penalised: bool) {
         self.scale.image /= factor;
         if is_penalised {
-            self.single.state.scale_duals(1.0 / factor);
-            self.double.state.scale_duals(1.0 / factor);
+            self.single.state.duals.scale(1.0 / factor);
+            self.double.state.duals.scale(1.0 / factor);
         }
     }
 
-    /// Solves a frame; the record must belong to it alone.
+    /// Solves a frame.
     pub(super) fn solve(
         &mut self,
-        problem: Problem<'_>,
+        problem: &Problem<'_>,
         ops: &Operators<f32>,
-        record: &mut Record,
         settings: &CausalSettings,
         start: Instant,
-    ) -> Result<End, InverseError> {
+    ) -> Result<SequenceStatus, InverseError> {
         self.count += 1;
         self.map_age += 1;
         let rows = problem.modes[0].rows;
@@ -190,66 +170,63 @@ impl Frames {
         let is_stale = self.map_age > MAP_EVERY || is_event;
         let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
         self.usual = if self.count <= 2 { size } else { self.usual + step };
-        record.clear();
-        self.scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
-        self.scale.smoothing = SMOOTHING * problem.target_gap * self.scale.image;
-        let deadline = settings.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
-        let least = self.recent[0].min(self.recent[1]);
+        self.clear_result();
+        let Self { single, double, record, proof, scale, .. } = self;
+        scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
+        scale.smoothing = SMOOTHING * problem.target_gap * scale.image;
         let mut limits = Limits {
             iterations: settings.max_iterations,
             start,
-            deadline,
+            deadline: settings.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64()),
             give_up: GIVE_UP,
-            first_look: least.saturating_sub(4),
+            first_look: self.recent[0].min(self.recent[1]).saturating_sub(4),
         };
         // the previous image is a candidate, often the best one without motion
         record.candidate.change.fill(0.0);
-        record.candidate.evaluate::<f32>(&problem, None);
+        record.candidate.evaluate::<f32>(problem, None);
         record.take();
-        if is_nothing(&problem, record) {
+        let is_nothing = is_nothing(problem, record);
+        if is_nothing || record.primal == 0.0 {
             record.lower_bound = 0.0;
-            return Ok(End::Vanished);
-        }
-        if record.primal == 0.0 {
-            record.lower_bound = 0.0;
-            return Ok(End::Proven);
+            let proven = SequenceStatus::Converged;
+            return Ok(if is_nothing { SequenceStatus::Stalled } else { proven });
         }
         let is_single = problem.target_gap >= SINGLE_PRECISION_GAP;
-        let mut end = End::GaveUp;
-        let Self { single, double, scale, .. } = self;
-        let unchanged = record.primal;
+        let mut status = None;
         if is_single {
-            single.begin(ops, &problem);
+            let own = *scale;
+            let mut frame = Frame { problem, ops, engine: single, scale: own, record, proof };
+            frame.begin();
             if is_stale {
-                single.set_first_map(ops, &problem, scale, unchanged)?;
+                frame.set_first_map()?;
+                *scale = frame.scale;
                 self.map_age = 1;
             } else {
-                single.data.assign(&problem, ops, &single.state)?;
+                frame.engine.data.assign(problem, ops, &frame.engine.state)?;
             }
-            let mut own = *scale;
-            end = single.run(ops, &problem, &mut own, record, &limits)?;
+            status = frame.run(&limits)?;
         }
-        if end == End::GaveUp {
+        if status.is_none() {
             limits.give_up = usize::MAX;
-            let exact = &problem.skin.operators;
-            double.begin(exact, &problem);
-            let mut own = *scale;
+            let (own, ops) = (*scale, &problem.skin.operators);
+            let mut frame = Frame { problem, ops, engine: double, scale: own, record, proof };
+            frame.begin();
             if is_single {
-                double.state.take_iterate(&single.state);
+                frame.engine.state.take_iterate(&single.state);
             }
-            double.set_first_map(exact, &problem, &mut own, unchanged)?;
+            frame.set_first_map()?;
             if !is_single {
-                scale.image = own.image;
+                scale.image = frame.scale.image;
             }
-            end = double.run(exact, &problem, &mut own, record, &limits)?;
+            status = frame.run(&limits)?;
             if is_single {
-                single.state.take_duals(&double.state, 1.0);
+                single.state.duals.take(&double.state.duals, 1.0);
                 // the map in the other type belongs to an earlier iterate
                 self.map_age = MAP_EVERY;
             }
         }
-        self.recent = [self.recent[1], record.iterations];
-        Ok(end)
+        self.recent = [self.recent[1], self.record.iterations];
+        Ok(status.unwrap_or(SequenceStatus::IterationCap))
     }
 }
 
@@ -275,173 +252,149 @@ fn is_nothing(problem: &Problem<'_>, record: &mut Record) -> bool {
     is_nothing
 }
 
-impl<T: Project> Engine<T> {
-    fn new(problem: &Problem<'_>, ops: &Operators<T>) -> Self {
-        let state = State::new(ops, problem);
-        Self {
-            data: DataSteps::new(problem, ops, 1),
-            map: MapScratch::new(&state),
-            certificate: Certificate::new(ops, &state, problem),
-            state,
-            column: vec![0.0; ops.padded],
-            look_seconds: 0.0,
-            is_plain: false,
-        }
-    }
+/// A frame in one floating-point type.
+struct Frame<'a, T: Project> {
+    problem: &'a Problem<'a>,
+    ops: &'a Operators<T>,
+    engine: &'a mut Engine<T>,
+    scale: Scale,
+    record: &'a mut Record,
+    proof: &'a mut Proof,
+}
 
-    /// Starts a frame with zero change and the previous duals.
-    fn begin(&mut self, ops: &Operators<T>, problem: &Problem<'_>) {
-        let Some(Anchor { image, .. }) = problem.anchor else { return };
-        self.state.set_origin(ops, image, problem.bounds);
-        self.state.start_at_origin();
-        self.data.set_beta(0, problem.beta(0).iter().copied());
-        self.data.set_tail(problem, ops, &mut self.state, None);
+impl<T: Project> Frame<'_, T> {
+    /// Starts with zero change and the previous duals.
+    fn begin(&mut self) {
+        let Self { problem, ops, engine, .. } = self;
+        let Some(Anchor { image, beta, .. }) = problem.anchor else { return };
+        engine.state.set_origin(ops, image, problem.bounds);
+        engine.state.start_at_origin();
+        engine.data.set_beta(0, beta.iter().copied());
+        engine.set_tail(ops, None);
     }
 
     /// Computes a new map at the start of a frame. Sets the scale of the image, which falls at most by the factor
     /// [`FORGET`], unless the objective limits it further.
-    fn set_first_map(
-        &mut self,
-        ops: &Operators<T>,
-        problem: &Problem<'_>,
-        scale: &mut Scale,
-        most_primal: f64,
-    ) -> Result<(), InverseError> {
-        self.innovation(ops, problem);
-        let State { work, origin, .. } = &self.state;
+    fn set_first_map(&mut self) -> Result<(), InverseError> {
+        self.innovation();
+        let Self { problem, ops, engine, scale, .. } = self;
+        let Engine { state, map, .. } = &mut **engine;
         let largest = |values: &[T]| values.iter().fold(T::default(), |m, v| m.max(v.abs()));
-        let most = largest(work).max(largest(origin)).to_f64();
+        let most = largest(&state.work).max(largest(&state.origin)).to_f64();
         scale.image = most.max(FORGET * scale.image);
         scale.image = if scale.image > 0.0 { scale.image } else { 1.0 };
         scale.smoothing = SMOOTHING * problem.target_gap * scale.image;
         // the innovation of a constrained frame may be noise, which the image need not explain
         scale.shown = if problem.delta.is_none() { most } else { 0.0 };
-        scale.fit(problem, most_primal);
-        self.map.clear();
-        self.map.raise(work, 1.0);
-        self.map.take(origin.iter().copied());
-        self.map.raise_to_gradient(problem.skin.arch, ops, 1);
-        self.set_map(ops, problem, scale)?;
-        self.data.set_tail(problem, ops, &mut self.state, None);
-        Ok(())
+        scale.fit(problem, self.record.primal);
+        map.clear();
+        map.raise(&state.work, 1.0);
+        map.take(state.origin.iter().copied());
+        map.raise_to_gradient(ops, 1);
+        self.set_map()
     }
 
     /// Computes the linear image of the innovation, in `work`.
-    fn innovation(&mut self, ops: &Operators<T>, problem: &Problem<'_>) {
-        let (mode, rank) = (problem.mode(0), ops.rank);
-        mode.apply_transposed(&problem.beta(0)[..rank], &mut self.column[..rank]);
-        self.state.forces.fill(T::default());
-        for (k, s) in problem.skin.singular.iter().enumerate() {
-            self.state.forces[k] = T::from_f64(self.column[k] / (s * s + RIDGE));
+    fn innovation(&mut self) {
+        let Self { problem, ops, engine, record, .. } = self;
+        // scratch memory until the next evaluation
+        let column = &mut record.candidate.coefficients[..ops.rank];
+        problem.mode(0).apply_transposed(&problem.beta(0)[..ops.rank], column);
+        let State { forces, work, .. } = &mut engine.state;
+        forces.fill(T::default());
+        for ((force, c), s) in forces.iter_mut().zip(column).zip(&problem.skin.singular) {
+            *force = T::from_f64(*c / (s * s + RIDGE));
         }
-        let State { forces: z, work: out, .. } = &mut self.state;
-        let ranks = 0..ops.padded;
-        problem.skin.arch.dispatch(Expand { ops, frames: 1, ranks, z, add: false, out });
+        ops.expand(forces, 0..ops.padded, false, work);
     }
 
-    fn set_map(
-        &mut self,
-        ops: &Operators<T>,
-        problem: &Problem<'_>,
-        scale: &Scale,
-    ) -> Result<(), InverseError> {
+    fn set_map(&mut self) -> Result<(), InverseError> {
+        let Self { problem, ops, engine, scale, .. } = self;
         let factor = scale.step * STEP * scale.image / (problem.lambda_space * ops.mean_radius);
-        self.map.set_tau(&mut self.state, ops, scale.image, FLOOR, factor);
-        step::set_even(problem.skin.arch, ops, &mut self.state);
-        self.data.set_map(problem, ops, &self.state)
+        engine.map.set_tau(&mut engine.state, ops, scale.image, FLOOR, factor);
+        step::set_even(ops, &mut engine.state);
+        engine.set_data(problem, ops)
     }
 
-    /// Alternates rounds of iterations and evaluations.
-    fn run(
-        &mut self,
-        ops: &Operators<T>,
-        problem: &Problem<'_>,
-        scale: &mut Scale,
-        record: &mut Record,
-        limits: &Limits,
-    ) -> Result<End, InverseError> {
-        let mut until = limits.first_look.clamp(FIRST, SLOW).max(record.iterations + FIRST);
+    /// Alternates rounds of iterations and evaluations; returns `None` if the gap cannot be proven in this type.
+    fn run(&mut self, limits: &Limits) -> Result<Option<SequenceStatus>, InverseError> {
+        let problem = self.problem;
+        let mut until = limits.first_look.clamp(FIRST, SLOW).max(self.record.iterations + FIRST);
         let seconds = || limits.start.elapsed().as_secs_f64();
-        let arch = problem.skin.arch;
         loop {
             let mut is_late = false;
-            let pace = Pace { smoothing: scale.smoothing, rho: RHO };
-            while record.iterations < until && !is_late {
-                let left = limits.iterations.saturating_sub(record.iterations).max(1);
-                let count = CLOCK.min(until - record.iterations).min(left);
-                self.state.iterate(arch, ops, problem, &mut self.data, pace, count);
-                record.iterations += count;
-                is_late = seconds() + self.look_seconds >= limits.deadline
-                    || record.iterations >= limits.iterations;
+            while self.record.iterations < until && !is_late {
+                let left = limits.iterations.saturating_sub(self.record.iterations).max(1);
+                let count = CLOCK.min(until - self.record.iterations).min(left);
+                let pace = Pace { smoothing: self.scale.smoothing, rho: RHO };
+                let Engine { state, data, look_seconds, .. } = &mut *self.engine;
+                state.iterate(self.ops, problem, data, pace, count);
+                self.record.iterations += count;
+                is_late = seconds() + *look_seconds >= limits.deadline
+                    || self.record.iterations >= limits.iterations;
             }
             let before = seconds();
-            self.look(ops, problem, scale, record);
-            let look = seconds() - before;
-            self.look_seconds = look.max(0.9 * self.look_seconds);
-            if record.gap() <= problem.target_gap {
-                return Ok(End::Proven);
+            self.look();
+            let look_seconds = (seconds() - before).max(0.9 * self.engine.look_seconds);
+            self.engine.look_seconds = look_seconds;
+            let done = self.record.iterations;
+            if self.record.gap() <= problem.target_gap {
+                return Ok(Some(SequenceStatus::Converged));
             }
-            if record.primal <= SMALLEST && is_nothing(problem, record) {
-                record.lower_bound = 0.0;
-                return Ok(End::Vanished);
+            if self.record.primal <= SMALLEST && is_nothing(problem, self.record) {
+                self.record.lower_bound = 0.0;
+                return Ok(Some(SequenceStatus::Stalled));
             }
-            if record.iterations >= limits.iterations {
-                return Ok(End::Cap);
+            if done >= limits.iterations {
+                return Ok(Some(SequenceStatus::IterationCap));
             }
-            if is_late || seconds() + self.look_seconds >= limits.deadline {
-                return Ok(End::Deadline);
+            if is_late || seconds() + look_seconds >= limits.deadline {
+                return Ok(Some(SequenceStatus::Deadline));
             }
             let is_last = limits.give_up == usize::MAX;
             // rounding alone may take a large part of the target gap
-            let is_blurred = record.rounding > 0.3 * problem.target_gap;
-            if record.iterations >= limits.give_up || (!is_last && is_blurred) {
-                return Ok(End::GaveUp);
+            let is_blurred = self.proof.rounding > 0.3 * problem.target_gap;
+            if done >= limits.give_up || (!is_last && is_blurred) {
+                return Ok(None);
             }
-            let between = match record.iterations {
+            let between = match done {
                 0..60 => 4,
                 60..200 => 10,
                 _ => 25,
             };
-            let growth = match problem.is_held() {
-                true => 0,
-                false => (GROWTH * record.iterations as f64) as usize,
-            };
-            until = record.iterations + between.max(growth);
+            let growth = if problem.is_held() { 0.0 } else { GROWTH * done as f64 };
+            until = done + between.max(growth as usize);
             // the scale may come from an earlier image with larger values
-            scale.fit(problem, record.primal);
-            if record.iterations >= STUCK {
-                scale.smoothing *= 0.5;
+            self.scale.fit(problem, self.record.primal);
+            if done >= STUCK {
+                self.scale.smoothing *= 0.5;
                 if problem.bounds.is_some() {
-                    scale.step = (STEP_FALL * scale.step).max(LEAST_STEP);
+                    self.scale.step = (STEP_FALL * self.scale.step).max(LEAST_STEP);
                 }
             }
-            if record.iterations >= SLOW {
-                self.renew_map(ops, problem, scale, record)?;
+            if done >= SLOW {
+                self.renew_map()?;
             }
-            let residual = Some(record.candidate.residual.as_slice());
-            self.data.set_tail(problem, ops, &mut self.state, residual);
+            self.engine.set_tail(self.ops, Some(&self.record.candidate.residual));
         }
     }
 
     /// Evaluates the candidate and bounds; keeps the best of each.
-    fn look(
-        &mut self,
-        ops: &Operators<T>,
-        problem: &Problem<'_>,
-        scale: &Scale,
-        record: &mut Record,
-    ) {
+    fn look(&mut self) {
+        let Self { problem, ops, engine, scale, record, proof } = self;
         let gap = problem.target_gap;
         let threshold = if problem.is_held() { THRESHOLD * gap * scale.image } else { 0.0 };
-        record.candidate.take(problem, &self.state, threshold);
-        if T::HAS_SHORT && problem.delta.is_none() && gap >= LEAST_ROUNDED_GAP {
-            record.candidate.evaluate_rounded(problem, ops, &mut self.state.sums);
+        let Engine { state, data, .. } = &mut **engine;
+        record.candidate.take(problem, state, threshold);
+        let is_single = T::EPSILON > f64::EPSILON;
+        if is_single && problem.delta.is_none() && gap >= LEAST_ROUNDED_GAP {
+            record.candidate.evaluate_rounded(problem, ops, &mut state.sums);
         } else {
-            record.candidate.evaluate(problem, Some((&self.state, &self.data)));
+            record.candidate.evaluate(problem, Some((state, data)));
         }
         record.take();
         let is_slow = record.iterations >= SLOW + 10;
-        let efforts = match (problem.is_held(), self.is_plain) {
+        let efforts = match (problem.is_held(), engine.is_plain) {
             (true, _) => [1.0, 0.3].map(|share| Effort::anchored(share * gap)),
             (false, true) => [Effort::plain(PLAIN_FLOW_STEPS, gap); 2],
             (false, false) => {
@@ -450,33 +403,24 @@ impl<T: Project> Engine<T> {
             }
         };
         let count = if is_slow && problem.is_held() { 2 } else { 1 };
+        let images = std::mem::take(&mut record.images);
         for effort in &efforts[..count] {
-            let Self { state, data, certificate, .. } = self;
-            let (images, size) = (record.images.as_slice(), scale.image);
-            let iterate = Iterate { ops, state, data, images, size };
-            let bound = certificate.bound(problem, iterate, *effort);
-            if bound.value <= record.lower_bound {
-                self.is_plain = !self.is_plain;
-            }
-            record.take_proof(bound, certificate);
+            let before = record.lower_bound;
+            let bound = engine.prove(problem, ops, record, (&images, scale.image), *effort);
+            proof.take(bound, before, &engine.certificate);
         }
+        record.images = images;
     }
 
     /// Replaces the stale map of a slow frame, based on the change so far.
-    fn renew_map(
-        &mut self,
-        ops: &Operators<T>,
-        problem: &Problem<'_>,
-        scale: &Scale,
-        record: &Record,
-    ) -> Result<(), InverseError> {
-        let arch = problem.skin.arch;
-        self.map.clear();
-        self.map.raise(&self.state.fresh, 0.5);
-        self.map.take(self.state.origin.iter().copied());
-        self.map.raise_to_gradient(arch, ops, 1);
-        self.map.take(record.images.iter().map(|x| T::from_f64(*x)));
-        self.map.raise_to_gradient(arch, ops, 1);
-        self.set_map(ops, problem, scale)
+    fn renew_map(&mut self) -> Result<(), InverseError> {
+        let Engine { state, map, .. } = &mut *self.engine;
+        map.clear();
+        map.raise(&state.fresh, 0.5);
+        map.take(state.origin.iter().copied());
+        map.raise_to_gradient(self.ops, 1);
+        map.take(self.record.images.iter().map(|x| T::from_f64(*x)));
+        map.raise_to_gradient(self.ops, 1);
+        self.set_map()
     }
 }

@@ -11,7 +11,7 @@
 use super::Compression;
 use crate::st_tv::dense::{dot, multiply};
 use faer::Mat;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Data operator `F'` for one set of good channels.
 #[derive(Debug, Clone)]
@@ -52,9 +52,9 @@ impl Target {
         Self { values: vec![0.0; rank], rest_squared: 0.0, rest: vec![0.0; measurements] }
     }
 
-    /// Returns the norm of the part of the data that an image can explain.
-    pub(crate) fn norm(&self) -> f64 {
-        self.values.iter().map(|b| b * b).sum::<f64>().sqrt()
+    /// Returns the squared norm of the part of the data that an image can explain.
+    pub(crate) fn square(&self) -> f64 {
+        self.values.iter().map(|b| b * b).sum()
     }
 
     /// Rescales the target to a larger or smaller unit.
@@ -210,7 +210,10 @@ impl Seen {
             }
             values.fill(0.0);
             let values = &mut values[..self.rows];
-            Arch::new().dispatch(Project { left: &compression.left, values, rest });
+            Arch::new().dispatch(
+                #[inline(always)]
+                || project(&compression.left, values, rest),
+            );
             *rest_squared = rest.iter().map(|v| v * v).sum();
             return;
         }
@@ -285,27 +288,16 @@ fn reflection_of(column: &mut [f64]) -> (f64, f64) {
 }
 
 /// Computes the coordinates of data along orthonormal columns and the remainder.
-struct Project<'a> {
-    left: &'a Mat<f64>,
-    values: &'a mut [f64],
-    rest: &'a mut [f64],
-}
-
-impl WithSimd for Project<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { left, values, rest } = self;
-        // the second pass removes the rounding errors of the first
-        for _ in 0..2 {
-            for (k, t) in values.iter_mut().enumerate() {
-                let column = left.col_as_slice(k);
-                let along = dot(column, rest);
-                *t += along;
-                for (v, u) in rest.iter_mut().zip(column) {
-                    *v = (-along).mul_add(*u, *v);
-                }
+#[inline(always)]
+fn project(left: &Mat<f64>, values: &mut [f64], rest: &mut [f64]) {
+    // the second pass removes the rounding errors of the first
+    for _ in 0..2 {
+        for (k, t) in values.iter_mut().enumerate() {
+            let column = left.col_as_slice(k);
+            let along = dot(column, rest);
+            *t += along;
+            for (v, u) in rest.iter_mut().zip(column) {
+                *v = (-along).mul_add(*u, *v);
             }
         }
     }

@@ -1,7 +1,10 @@
 //! Constant images: the first candidate of a solve, and the optimum if the weights are large.
 
+use super::super::duals::convert;
+use super::super::lanes::Project;
+use super::super::problem::Problem;
 use super::Run;
-use crate::st_tv::lanes::Project;
+use std::ops::Range;
 
 /// Largest objective of images of one value a frame, relative to that of one value for all frames, from which
 /// the iteration starts. One row of the reference problem: 0.02, three rows 0.4, all rows 1.
@@ -14,14 +17,14 @@ impl<T: Project> Run<'_, T> {
     /// Evaluates the best constant image, which is optimal if the weights are large, and computes a
     /// first lower bound.
     pub(super) fn try_constant(&mut self) {
-        let task = self.task;
-        let parts = &task.solver.skin.parts;
+        let problem = self.problem;
+        let (frames, padded) = (problem.frames(), self.ops.padded);
         // one constant for all frames if they are linked, otherwise one per frame
-        let count = if task.linked() { task.frames } else { 1 };
+        let count = if problem.linked() { frames } else { 1 };
         let mut values = Vec::new();
-        let mut weights = vec![1.0; task.frames];
-        for first in (0..task.frames).step_by(count) {
-            let own = self.constant_values(first..first + count, &weights);
+        let mut weights = vec![1.0; frames];
+        for first in (0..frames).step_by(count) {
+            let own = constant_values(&problem, first..first + count, &weights);
             values.extend(std::iter::repeat_n(own, count));
         }
         self.keep_constants(&values);
@@ -29,25 +32,17 @@ impl<T: Project> Run<'_, T> {
             if count == 1 || !self.weigh(&mut weights) {
                 break;
             }
-            let own = self.constant_values(0..count, &weights);
-            values.fill(own);
+            values.fill(constant_values(&problem, 0..count, &weights));
             self.keep_constants(&values);
         }
-        let (rank, padded) = (task.solver.rank(), self.ops.padded);
-        let problem = self.problem();
-        let mut column = vec![0.0; rank];
+        let certificate = &mut self.engine.certificate;
         for (frame, values) in values.iter().enumerate() {
-            column.fill(0.0);
-            for (sensitivity, value) in parts.sensitivity.iter().zip(values) {
-                column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
-            }
-            let own = &mut self.certificate.dual[frame * padded..][..rank];
+            let column = coefficients(&problem, values);
+            let own = &mut certificate.dual[frame * padded..][..column.len()];
             problem.mode(frame).apply(&column, own);
             own.iter_mut().zip(problem.beta(frame)).for_each(|(y, b)| *y -= b);
         }
-        let bound = self.certificate.bound_of_constants(&problem).value;
-        let best = &mut self.progress.best;
-        best.lower_bound = best.lower_bound.max(bound);
+        self.record.take_bound(certificate.bound_of_constants(&problem).value);
         if count > 1 {
             self.start_from_constants();
         }
@@ -58,15 +53,15 @@ impl<T: Project> Run<'_, T> {
     /// approximations*, 1961). Returns false if all constraints hold, if there are none, and if no constant
     /// can meet them all: usually at once, since the weighted residuals are then above the weighted constraints.
     fn weigh(&self, weights: &mut [f64]) -> bool {
-        let Some(delta) = self.problem().delta else { return false };
-        let ratio = |frame: usize| self.candidate.misfit[frame] / delta[frame];
+        let Some(delta) = self.problem.delta else { return false };
+        let ratio = |frame: usize| self.record.candidate.misfit[frame] / delta[frame];
         let largest = (0..weights.len()).map(ratio).fold(0.0, f64::max);
         if !(largest > 1.0 && largest.is_finite()) {
             return false;
         }
         let [mut residual, mut allowed] = [0.0; 2];
         for (frame, weight) in weights.iter().enumerate() {
-            residual += weight * self.candidate.misfit[frame].powi(2);
+            residual += weight * self.record.candidate.misfit[frame].powi(2);
             allowed += weight * delta[frame].powi(2);
         }
         if residual > allowed {
@@ -82,62 +77,62 @@ impl<T: Project> Run<'_, T> {
     /// Starts linked frames from a constant each, if that explains far more of the data than one constant for
     /// all: only with few channels, where the optimum is close to such images and far from zero.
     fn start_from_constants(&mut self) {
-        let common = self.progress.best.primal;
-        let frames = self.task.frames;
-        let values: Vec<_> = (0..frames).map(|f| self.constant_values(f..f + 1, &[1.0])).collect();
+        let common = self.record.primal;
+        let frames = 0..self.problem.frames();
+        let values: Vec<_> =
+            frames.map(|f| constant_values(&self.problem, f..f + 1, &[1.0])).collect();
         if self.keep_constants(&values) < CONSTANTS_EXPLAIN * common {
-            let changes = self.state.change.iter_mut().zip(&self.candidate.change);
-            changes.for_each(|(d, x)| *d = T::from_f64(*x));
-            self.state.is_centred = true;
+            convert(&self.record.candidate.change, 1.0, &mut self.engine.state.change);
+            self.engine.state.is_centred = true;
         }
     }
 
     /// Evaluates images of one value for each frame and part; returns the objective.
     fn keep_constants(&mut self, values: &[Vec<f64>]) -> f64 {
-        let problem = self.problem();
-        let (places, label) = (&self.ops.places, &problem.skin.parts.label);
+        let (places, label) = (&self.ops.places, &self.problem.skin.parts.label);
+        let candidate = &mut self.record.candidate;
         for (frame, values) in values.iter().enumerate() {
-            let own = &mut self.candidate.change[frame * places.length..][..places.length];
+            let own = &mut candidate.change[frame * places.length..][..places.length];
             let cells = places.cells.iter().zip(label);
             cells.for_each(|(&cell, &part)| own[cell] = values[part as usize]);
         }
-        self.candidate.evaluate::<T>(&problem, None);
-        self.progress.best.take(&self.candidate);
-        self.candidate.primal
+        candidate.evaluate::<T>(&self.problem, None);
+        self.record.take();
+        self.record.candidate.primal
     }
+}
 
-    /// Returns the least-squares value of each connected part with a weight for each frame, by sweeps over the
-    /// parts; a single part, the usual case, needs one sweep.
-    fn constant_values(&self, range: std::ops::Range<usize>, weights: &[f64]) -> Vec<f64> {
-        let task = self.task;
-        let parts = &task.solver.skin.parts;
-        let mut values = vec![0.0; parts.sizes.len()];
-        let [mut own, mut all] = [vec![0.0; task.solver.rank()], vec![0.0; task.solver.rank()]];
-        let sweeps = if values.len() == 1 { 1 } else { 50 };
-        for _ in 0..sweeps {
-            for part in 0..values.len() {
-                let (mut along, mut power) = (0.0, 0.0);
-                let targets = &task.data.targets[range.clone()];
-                let modes = &task.data.mode_of[range.clone()];
-                for ((target, &mode), weight) in targets.iter().zip(modes).zip(weights) {
-                    let mode = &task.data.modes[mode];
-                    own.fill(0.0);
-                    for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
-                        own.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
-                    }
-                    mode.apply(&own, &mut all);
-                    mode.apply(&parts.sensitivity[part], &mut own);
-                    for ((own, all), b) in own.iter().zip(all.iter()).zip(&target.values) {
-                        along += weight * own * (b - all);
-                        power += weight * own.powi(2);
-                    }
-                }
-                values[part] += if power > 0.0 { along / power } else { 0.0 };
-                if let Some([lower, upper]) = task.bounds {
-                    values[part] = values[part].clamp(lower, upper);
-                }
+/// Returns `V' x` of an image with one value on each part.
+fn coefficients(problem: &Problem<'_>, values: &[f64]) -> Vec<f64> {
+    let mut sum = vec![0.0; problem.skin.singular.len()];
+    for (sensitivity, value) in problem.skin.parts.sensitivity.iter().zip(values) {
+        sum.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
+    }
+    sum
+}
+
+/// Returns the least-squares value of each connected part with a weight for each frame, by sweeps over the
+/// parts; a single part, the usual case, needs one sweep.
+fn constant_values(problem: &Problem<'_>, frames: Range<usize>, weights: &[f64]) -> Vec<f64> {
+    let parts = &problem.skin.parts.sensitivity;
+    let mut values = vec![0.0; parts.len()];
+    let [mut own, mut all] = [(); 2].map(|()| vec![0.0; problem.skin.singular.len()]);
+    let sweeps = if values.len() == 1 { 1 } else { 50 };
+    for part in (0..sweeps).flat_map(|_| 0..parts.len()) {
+        let (mut along, mut power) = (0.0, 0.0);
+        for (frame, weight) in frames.clone().zip(weights) {
+            let mode = problem.mode(frame);
+            mode.apply(&coefficients(problem, &values), &mut all);
+            mode.apply(&parts[part], &mut own);
+            for ((own, all), b) in own.iter().zip(&all).zip(problem.beta(frame)) {
+                along += weight * own * (b - all);
+                power += weight * own.powi(2);
             }
         }
-        values
+        values[part] += if power > 0.0 { along / power } else { 0.0 };
+        if let Some([lower, upper]) = problem.bounds {
+            values[part] = values[part].clamp(lower, upper);
+        }
     }
+    values
 }

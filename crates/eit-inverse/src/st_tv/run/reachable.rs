@@ -15,15 +15,15 @@ impl<T: Project> Run<'_, T> {
     /// Checks the frames whose images are furthest from their constraints, after 300 iterations without an image that
     /// meets all, and again after twice as many.
     pub(super) fn check_reachable(&mut self) -> Result<(), InverseError> {
-        let (task, problem) = (self.task, self.problem());
+        let (task, problem) = (self.task, self.problem);
         let (Some(delta), Some(bounds)) = (problem.delta, problem.bounds) else { return Ok(()) };
-        if self.done < self.next_check {
+        if self.record.iterations < self.schedule.next_check {
             return Ok(());
         }
-        self.next_check = 2 * self.done;
-        let ratio = |frame: usize| self.candidate.misfit[frame] / delta[frame];
+        self.schedule.next_check = 2 * self.record.iterations;
+        let ratio = |frame: usize| self.record.candidate.misfit[frame] / delta[frame];
         let mut frames: Vec<usize> =
-            (0..task.frames).filter(|&f| ratio(f) > 1.0 + EXCESS).collect();
+            (0..delta.len()).filter(|&f| ratio(f) > 1.0 + EXCESS).collect();
         frames.sort_by(|&f, &g| ratio(g).total_cmp(&ratio(f)));
         for frame in frames.into_iter().take(FRAMES) {
             let mode = problem.mode(frame);
@@ -39,13 +39,13 @@ impl<T: Project> Run<'_, T> {
                 enough * (1.0 + EXCESS),
             );
             if let Some(least) = found {
-                let settings = &task.solver.settings;
+                let [lower_s, upper_s] = task.solver.settings.bounds_s();
                 return Err(InverseError::DeltaTooSmallWithinBounds {
                     frame,
-                    delta: delta[frame] * task.scale,
-                    least: least.hypot(target.rest_squared.sqrt()) * task.scale,
-                    lower_s: settings.lower_s,
-                    upper_s: settings.upper_s,
+                    delta: delta[frame] * task.units.one,
+                    least: least.hypot(target.rest_squared.sqrt()) * task.units.one,
+                    lower_s,
+                    upper_s,
                 });
             }
         }

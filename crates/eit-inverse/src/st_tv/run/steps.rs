@@ -1,5 +1,6 @@
 //! Iterations of a run, and the steps that they take.
 
+use super::super::engine::Engine;
 use super::super::iterate::Pace;
 use super::super::lanes::Project;
 use super::super::schedule::{CLOCK, SMOOTHING};
@@ -40,110 +41,98 @@ const MARGIN: f64 = 0.05;
 const SMOOTH: f64 = 400.0;
 
 impl<T: Project> Run<'_, T> {
-    /// Iterates until `self.done` is `until`; returns true if a limit was reached first.
+    /// Performs iterations until there are `until` of them; returns true if a limit was reached first.
     pub(super) fn improve(&mut self, until: usize, limits: Limits) -> Result<bool, InverseError> {
-        while self.done < until {
-            if self.done >= self.evaluated + REFRESH {
+        let until = until.min(limits.iterations);
+        while self.record.iterations < until {
+            if self.record.iterations >= self.schedule.evaluated + REFRESH {
                 self.keep_image(false);
             }
             self.set_steps()?;
-            let events =
-                MEASURE_AT.iter().copied().chain([self.next_map, until, limits.iterations]);
-            let event = events.filter(|&at| at > self.done).min().unwrap_or(until);
-            let clock = (self.done + 1).next_multiple_of(CLOCK);
-            let next = if limits.seconds.is_finite() { clock.min(event) } else { event };
-            self.iterate(next.min(self.evaluated + REFRESH) - self.done);
-            let late = self.progress.start.elapsed().as_secs_f64() >= limits.seconds;
-            if late || self.done >= limits.iterations {
+            let done = self.record.iterations;
+            let mut next = until.min(self.schedule.evaluated + REFRESH);
+            for at in MEASURE_AT.into_iter().chain([self.schedule.next_map]) {
+                next = if at > done { next.min(at) } else { next };
+            }
+            if limits.seconds.is_finite() {
+                next = next.min((done + 1).next_multiple_of(CLOCK));
+            }
+            let pace = Pace { smoothing: self.schedule.smoothing, rho: RHO };
+            let Engine { state, data, .. } = &mut self.engine;
+            state.iterate(self.ops, &self.problem, data, pace, next - done);
+            self.record.iterations = next;
+            if self.start.elapsed().as_secs_f64() >= limits.seconds {
                 return Ok(true);
             }
         }
-        Ok(false)
+        Ok(self.record.iterations >= limits.iterations)
     }
 
     /// Updates the steps when due.
     fn set_steps(&mut self) -> Result<(), InverseError> {
-        if !self.mapped
-            && MEASURE_AT.contains(&self.done)
-            && let Some(tau) = step::measure(self.ops, &self.state)
+        let done = self.record.iterations;
+        if !self.schedule.is_mapped
+            && MEASURE_AT.contains(&done)
+            && let Some(tau) = step::measure(self.ops, &self.engine.state)
         {
             self.set_uniform(tau)?;
         }
-        if self.done < self.next_map {
+        if done < self.schedule.next_map {
             return Ok(());
         }
-        let later = MAP_AT.iter().find(|&&at| at > self.done);
-        self.next_map = later.map_or((self.done as f64 * MAP_GROWTH) as usize, |&at| at);
+        let later = MAP_AT.iter().find(|&&at| at > done);
+        self.schedule.next_map = later.map_or((done as f64 * MAP_GROWTH) as usize, |&at| at);
         let steps = MapSize {
-            share: SHARE * self.boost,
-            floor: step::FLOOR * (self.done as f64 / FLAT_FROM).max(1.0),
+            share: SHARE * self.schedule.boost,
+            floor: step::FLOOR * (done as f64 / FLAT_FROM).max(1.0),
         };
-        let arch = self.task.solver.skin.arch;
-        if step::set_map(arch, self.ops, &mut self.state, &mut self.map, steps) {
-            self.mapped = true;
-            let fading = (SMOOTH / self.done as f64).powi(2).min(1.0);
-            self.smoothing = SMOOTHING * self.target_gap * self.state.size() * fading;
-            // an infeasible image's error still exceeds the margin
-            let fading = if self.is_feasible { fading } else { 1.0 };
-            self.data.margin = self.margin() * fading;
-            self.set_data()?;
+        let Engine { state, map, .. } = &mut self.engine;
+        if !step::set_map(self.ops, state, map, steps) {
+            return Ok(());
         }
-        Ok(())
+        self.schedule.is_mapped = true;
+        let fading = (SMOOTH / done as f64).powi(2).min(1.0);
+        self.schedule.smoothing = SMOOTHING * self.problem.target_gap * state.size() * fading;
+        // an infeasible image's error still exceeds the margin
+        let fading = if self.schedule.is_feasible { fading } else { 1.0 };
+        self.engine.data.margin = self.margin() * fading;
+        self.engine.set_data(&self.problem, self.ops)
     }
 
     /// Returns the reduction of the radii of data constraints: none without bounds.
     pub(super) fn margin(&self) -> f64 {
-        if self.task.bounds.is_some() { MARGIN * self.target_gap.min(1.0) } else { 0.0 }
+        self.problem.bounds.map_or(0.0, |_| MARGIN * self.problem.target_gap.min(1.0))
     }
 
     /// Returns the step of a problem without any duals: nothing but the rounding of the data step limits it.
     pub(super) fn free_step(&self) -> Option<f64> {
-        let strongest = self.task.solver.skin.singular.first()?;
-        let is_free = self.ops.norm_squared == 0.0
-            && self.state.links.is_empty()
-            && self.state.force.is_empty();
+        let strongest = self.problem.skin.singular.first()?;
+        let duals = &self.engine.state.duals;
+        let is_free =
+            self.ops.norm_squared == 0.0 && duals.links.is_empty() && duals.held.is_empty();
         is_free.then_some(ROUNDING / T::EPSILON / strongest.powi(2))
     }
 
     pub(super) fn set_uniform(&mut self, tau: f64) -> Result<(), InverseError> {
-        step::set_uniform(self.task.solver.skin.arch, self.ops, &mut self.state, tau);
-        self.set_data()
-    }
-
-    /// Recomputes the data steps for the current step map.
-    pub(super) fn set_data(&mut self) -> Result<(), InverseError> {
-        let problem = self.problem();
-        let Self { ops, data, state, .. } = self;
-        data.set_map(&problem, ops, state)?;
-        data.set_tail(&problem, ops, state, None);
-        Ok(())
+        step::set_uniform(self.ops, &mut self.engine.state, tau);
+        self.engine.set_data(&self.problem, self.ops)
     }
 
     /// Increases the steps if the image travels further than the duals, and decreases them in the opposite case.
     pub(super) fn balance(&mut self) {
         let Some(travel) = &mut self.travel else {
-            self.travel = Some(Travel::from(&self.state));
+            self.travel = Some(Travel::from(&self.engine.state));
             return;
         };
-        let ratio = travel.ratio(&self.state);
-        let factor = ratio.sqrt().clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
+        let factor = travel.ratio(&self.engine.state).sqrt().clamp(1.0 / MOST_CHANGE, MOST_CHANGE);
         if (1.0 / LEAST_CHANGE..LEAST_CHANGE).contains(&factor) {
             return;
         }
-        let boost = (self.boost * factor).clamp(BOOSTS[0], BOOSTS[1]);
-        if boost != self.boost {
-            self.boost = boost;
+        let boost = (self.schedule.boost * factor).clamp(BOOSTS[0], BOOSTS[1]);
+        if boost != self.schedule.boost {
+            self.schedule.boost = boost;
             // takes effect with the next map, which is due now
-            self.next_map = self.done;
+            self.schedule.next_map = self.record.iterations;
         }
-    }
-
-    /// Performs iterations; the last one's images are the candidate.
-    fn iterate(&mut self, count: usize) {
-        let problem = self.problem();
-        let pace = Pace { smoothing: self.smoothing, rho: RHO };
-        let Self { task, ops, state, data, .. } = self;
-        state.iterate(task.solver.skin.arch, ops, &problem, data, pace, count);
-        self.done += count;
     }
 }
