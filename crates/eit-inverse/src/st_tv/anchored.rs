@@ -86,16 +86,16 @@ impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
         for &at in &exact.places.blocks {
             let radius = self.differences.cell_radius(at);
             let (inside, error) = (load(&exact.inside, at), load(&self.flow.error, at));
-            let own: Lane<f64> = each(|l| self.anchor.lambda * radius[l]);
+            let own: Lane<f64> = each!(|l| self.anchor.lambda * radius[l]);
             let ratio: Lane<f64> =
-                each(|l| inside[l] * (error[l].to_f64().abs() + self.rounding) / own[l]);
-            most = each(|l| if ratio[l] > most[l] { ratio[l] } else { most[l] });
-            least = each(|l| {
+                each!(|l| inside[l] * (error[l].to_f64().abs() + self.rounding) / own[l]);
+            most = each!(|l| if ratio[l] > most[l] { ratio[l] } else { most[l] });
+            least = each!(|l| {
                 let is_less = inside[l] > 0.0 && own[l] < least[l];
                 if is_less { own[l] } else { least[l] }
             });
         }
-        [largest(&most), -largest(&each(|l| -least[l]))]
+        [largest(&most), -largest(&each!(|l| -least[l]))]
     }
 
     /// Computes `q.D x^`.
@@ -106,7 +106,7 @@ impl<T: Project, D: Differences<f64>> Best<'_, T, D> {
         for &at in self.differences.group_blocks() {
             let [a, b] = self.differences.difference(self.anchor.image, at);
             let (qa, qb) = (load(first, at), load(second, at));
-            sum = each(|l| qa[l].to_f64() * a[l] + qb[l].to_f64() * b[l] + sum[l]);
+            sum = each!(|l| qa[l].to_f64() * a[l] + qb[l].to_f64() * b[l] + sum[l]);
         }
         total(&sum)
     }

@@ -1,10 +1,10 @@
 //! Small dense row-major matrices for the data steps.
 
+use super::lanes::vectorised;
 use crate::InverseError;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::{Col, Mat, Par, Spec};
-use pulp::Arch;
 
 /// Returns the dot product.
 #[inline(always)]
@@ -38,10 +38,7 @@ pub(crate) fn rows_times(matrix: &[f64], x: &[f64], out: &mut [f64]) {
 
 /// [`rows_times`] for callers outside of a vectorised loop.
 pub(crate) fn multiply(matrix: &[f64], x: &[f64], out: &mut [f64]) {
-    Arch::new().dispatch(
-        #[inline(always)]
-        || rows_times(matrix, x, out),
-    );
+    vectorised!(rows_times(matrix, x, out));
 }
 
 /// Inverts a symmetric matrix `[n][n]` whose eigenvalues are at least 1, in place, by Gauss-Jordan elimination without
@@ -53,7 +50,9 @@ pub(crate) fn invert(matrix: &mut [f64], n: usize) {
         let (row, after) = rest.split_at_mut(n);
         let inverse = 1.0 / row[k];
         row[k] = 1.0;
-        row.iter_mut().for_each(|v| *v *= inverse);
+        for v in row.iter_mut() {
+            *v *= inverse;
+        }
         for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
             let factor = other[k];
             other[k] = 0.0;

@@ -162,16 +162,12 @@ impl<T: Float> Basis<T> {
 macro_rules! for_basis {
     ($ops:expr, |$differences:ident| $call:expr) => {
         match &$ops.basis {
-            $crate::st_tv::differences::Basis::Grid($differences) => $ops.arch.dispatch(
-                #[inline(always)]
-                || $call,
-            ),
+            $crate::st_tv::differences::Basis::Grid($differences) => {
+                $crate::st_tv::lanes::vectorised!($call)
+            }
             $crate::st_tv::differences::Basis::Gathered(own) => {
                 let $differences = own.as_ref();
-                $ops.arch.dispatch(
-                    #[inline(always)]
-                    || $call,
-                )
+                $crate::st_tv::lanes::vectorised!($call)
             }
         }
     };
@@ -222,14 +218,17 @@ impl<T: Float> Differences<T> for Grid<T> {
     fn adjoint(&self, q: [&[T]; 2], _: usize, at: usize) -> Lane<T> {
         let (left, here) = (load(q[0], at - 1), load(q[0], at));
         let (above, below) = (load(q[1], at - self.width), load(q[1], at));
-        each(|l| (left[l] - here[l]) + (above[l] - below[l]))
+        each!(|l| (left[l] - here[l]) + (above[l] - below[l]))
     }
 
     #[inline(always)]
     fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2] {
         let (here, right, down) = (load(x, at), load(x, at + 1), load(x, at + self.width));
         let (has_right, has_down) = (load(&self.right, at), load(&self.down, at));
-        [each(|l| has_right[l] * (right[l] - here[l])), each(|l| has_down[l] * (down[l] - here[l]))]
+        [
+            each!(|l| has_right[l] * (right[l] - here[l])),
+            each!(|l| has_down[l] * (down[l] - here[l])),
+        ]
     }
 
     #[inline(always)]
@@ -246,7 +245,7 @@ impl<T: Float> Differences<T> for Grid<T> {
     fn group_largest(&self, x: &[T], at: usize) -> Lane<T> {
         let (here, right, down) = (load(x, at), load(x, at + 1), load(x, at + self.width));
         let (has_right, has_down) = (load(&self.right, at), load(&self.down, at));
-        each(|l| here[l].max(has_right[l] * right[l]).max(has_down[l] * down[l]))
+        each!(|l| here[l].max(has_right[l] * right[l]).max(has_down[l] * down[l]))
     }
 
     #[inline(always)]
@@ -254,7 +253,7 @@ impl<T: Float> Differences<T> for Grid<T> {
         let here = load(m, at);
         let (left, above) = (load(m, at - 1), load(m, at - self.width));
         let (has_left, has_above) = (load(&self.right, at - 1), load(&self.down, at - self.width));
-        each(|l| here[l].max(has_left[l] * left[l]).max(has_above[l] * above[l]))
+        each!(|l| here[l].max(has_left[l] * left[l]).max(has_above[l] * above[l]))
     }
 }
 
@@ -350,7 +349,7 @@ impl<T: Float> Differences<T> for Gathered<T> {
             let first = Self::gather(q[0], &entry.group);
             let second = Self::gather(q[1], &entry.group);
             let [a, b] = &entry.weight;
-            sum = each(|l| a[l].mul_add(first[l], b[l].mul_add(second[l], sum[l])));
+            sum = each!(|l| a[l].mul_add(first[l], b[l].mul_add(second[l], sum[l])));
         }
         sum
     }
@@ -363,7 +362,7 @@ impl<T: Float> Differences<T> for Gathered<T> {
             for (out, weights) in out.iter_mut().zip(&self.weights) {
                 let w = load(&weights[place], at);
                 let before = *out;
-                *out = each(|l| w[l].mul_add(x[l], before[l]));
+                *out = each!(|l| w[l].mul_add(x[l], before[l]));
             }
         }
         out
@@ -384,7 +383,7 @@ impl<T: Float> Differences<T> for Gathered<T> {
         let mut most = [T::default(); LANES];
         for unknowns in &self.unknowns {
             let x = Self::gather(x, &unknowns[at..at + LANES]);
-            most = each(|l| most[l].max(x[l]));
+            most = each!(|l| most[l].max(x[l]));
         }
         most
     }
@@ -394,7 +393,7 @@ impl<T: Float> Differences<T> for Gathered<T> {
         let mut most = [T::default(); LANES];
         for entry in self.own(block) {
             let m = Self::gather(m, &entry.group);
-            most = each(|l| most[l].max(entry.belongs[l] * m[l]));
+            most = each!(|l| most[l].max(entry.belongs[l] * m[l]));
         }
         most
     }

@@ -63,12 +63,12 @@ impl<T: Float> Duals<T> {
         let mut pull = differences.adjoint(q, block, at);
         if !self.held.is_empty() {
             let p = load(&self.held, here);
-            pull = each(|l| pull[l] + p[l]);
+            pull = each!(|l| pull[l] + p[l]);
         }
-        pull = each(|l| pull[l] + other[l]);
+        pull = each!(|l| pull[l] + other[l]);
         if !self.links.is_empty() {
             let (own, next) = (load(&self.links, here), load(&self.links, here + self.cells));
-            pull = each(|l| pull[l] + (own[l] - next[l]));
+            pull = each!(|l| pull[l] + (own[l] - next[l]));
         }
         pull
     }
@@ -99,7 +99,7 @@ impl<T: Float> Duals<T> {
             for &at in differences.group_blocks() {
                 let (a, b) = (load(first, base + at), load(second, base + at));
                 let radius = differences.group_radius(at);
-                most = each(|l| {
+                most = each!(|l| {
                     let norm = a[l].mul_add(a[l], b[l] * b[l]).sqrt();
                     let ratio = norm / (space * radius[l]);
                     if norm > zero && ratio > most[l] { ratio } else { most[l] }
@@ -109,7 +109,7 @@ impl<T: Float> Duals<T> {
         for base in (0..self.links.len()).step_by(self.cells) {
             for &at in &ops.places.blocks {
                 let (q, radius) = (load(&self.links, base + at), differences.cell_radius(at));
-                most = each(|l| {
+                most = each!(|l| {
                     let ratio = q[l].abs() / (time * radius[l]);
                     if q[l] != zero && ratio > most[l] { ratio } else { most[l] }
                 });

@@ -8,18 +8,15 @@
 //!
 //! with the data residual `|F' c - beta|` of a frame's channels in terms of the coefficients `c = V' d`, and
 //! `beta = b - F' V' origin`. Frames of one span that have the same channels share one such step.
-//!
-//! Over 400 lines because changes of the step map, of the channels and of the data all update the same set of steps.
 
 use super::ball;
-use super::data::Seen;
 use super::dense::{Eigen, congruent, invert, multiply, rows_times};
-use super::lanes::{LANES, Project, each, load, splat, store};
+use super::duals::convert;
+use super::lanes::{LANES, Project, each, load, splat, store, vectorised};
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{SPAN, State};
 use crate::InverseError;
-use pulp::Arch;
 
 /// Largest `tau s^2` in the tail, whose steps are explicit.
 const EXPLICIT: f64 = 0.04;
@@ -62,9 +59,8 @@ pub(crate) struct DataSteps<T> {
 /// Data step of the frames of one span that have the same channels.
 #[derive(Debug, Clone)]
 pub(crate) struct DataStep<T> {
-    span: usize,
-    good: Vec<bool>,
-    is_used: bool,
+    /// Span and index of the channels.
+    key: (usize, usize),
     /// Whether the data separates by ranks, so that the step runs over the head.
     is_head: bool,
     pub(crate) rows: usize,
@@ -80,11 +76,9 @@ pub(crate) struct DataStep<T> {
 }
 
 impl<T: Project> DataStep<T> {
-    fn new(rank: usize, padded: usize, measurements: usize) -> Self {
+    fn new(rank: usize, padded: usize) -> Self {
         Self {
-            span: 0,
-            good: vec![false; measurements],
-            is_used: false,
+            key: (0, 0),
             is_head: false,
             rows: 0,
             inverse: vec![0.0; padded * padded],
@@ -101,7 +95,6 @@ impl<T: Project> DataSteps<T> {
     /// Allocates memory for the steps of these frames, initially for `most` different ones.
     pub(crate) fn new(problem: &Problem<'_>, ops: &Operators<T>, most: usize) -> Self {
         let (frames, rank, padded) = (problem.frames(), ops.rank, ops.padded);
-        let measurements = problem.modes.first().map_or(0, |mode| mode.good.len());
         let mut singular: Vec<T> = problem.skin.singular.iter().map(|s| T::from_f64(*s)).collect();
         singular.resize(padded, T::default());
         Self {
@@ -109,7 +102,7 @@ impl<T: Project> DataSteps<T> {
             rank,
             padded,
             gram: vec![0.0; frames.div_ceil(SPAN) * rank * rank],
-            steps: (0..most).map(|_| DataStep::new(rank, padded, measurements)).collect(),
+            steps: (0..most).map(|_| DataStep::new(rank, padded)).collect(),
             used: 0,
             step_of: vec![0; frames],
             beta: vec![0.0; frames * padded],
@@ -144,10 +137,7 @@ impl<T: Project> DataSteps<T> {
         for span in 0..state.spans() {
             let tau = &state.tau[span * state.cells..][..state.cells];
             let (ranks, out) = (self.head, self.product.as_mut_slice());
-            ops.arch.dispatch(
-                #[inline(always)]
-                || gram(ops, tau, ranks, out),
-            );
+            vectorised!(gram(ops, tau, ranks, out));
             let own = &mut self.gram[span * self.rank * self.rank..][..self.rank * self.rank];
             for i in 0..self.head.min(self.rank) {
                 for j in 0..=i {
@@ -159,146 +149,95 @@ impl<T: Project> DataSteps<T> {
             }
         }
         self.used = 0;
-        self.assign(problem, ops, state)
-    }
-
-    /// Assigns to each frame the step of its channels, building missing ones, and its constraint.
-    pub(crate) fn assign(
-        &mut self,
-        problem: &Problem<'_>,
-        ops: &Operators<T>,
-        state: &State<T>,
-    ) -> Result<(), InverseError> {
-        if !problem.is_diagonal() && self.head < self.padded {
-            return self.set_map(problem, ops, state);
-        }
-        // mark the steps still in use; the others can be overwritten
-        self.steps.iter_mut().for_each(|step| step.is_used = false);
         for frame in 0..state.frames {
-            if let Some(index) = self.find(problem.mode(frame), frame) {
-                self.steps[index].is_used = true;
-            }
-        }
-        for frame in 0..state.frames {
-            let mode = problem.mode(frame);
-            let index = match self.find(mode, frame) {
+            let key = (frame / SPAN, problem.mode_of[frame]);
+            let known = self.steps[..self.used].iter().position(|step| step.key == key);
+            self.step_of[frame] = match known {
                 Some(index) => index,
-                None => self.build(ops.arch, mode, frame / SPAN)?,
+                None => self.build(problem, key)?,
             };
-            self.steps[index].is_used = true;
-            self.step_of[frame] = index;
-            self.balls[frame] = problem.ball(frame).unwrap_or(0.0) * (1.0 - self.margin).powi(2);
-            self.turn(frame);
+            self.turn(problem, frame);
         }
         Ok(())
     }
 
-    fn find(&self, mode: &Seen, frame: usize) -> Option<usize> {
-        let fits = |s: &DataStep<T>| s.span == frame / SPAN && s.good == mode.good;
-        self.steps[..self.used].iter().position(fits)
-    }
-
-    /// Builds the step of a span for these channels.
-    fn build(&mut self, arch: Arch, mode: &Seen, span: usize) -> Result<usize, InverseError> {
-        let index = match self.steps[..self.used].iter().position(|step| !step.is_used) {
-            Some(index) => index,
-            None => {
-                self.used += 1;
-                self.used - 1
-            }
-        };
-        let (rank, head) = (self.rank, self.head);
+    /// Builds the step of a span and its channels.
+    fn build(&mut self, problem: &Problem<'_>, key: (usize, usize)) -> Result<usize, InverseError> {
+        let (rank, head, index) = (self.rank, self.head, self.used);
         if index == self.steps.len() {
-            self.steps.push(DataStep::new(rank, self.padded, mode.good.len()));
+            self.steps.push(DataStep::new(rank, self.padded));
         }
-        let gram = &self.gram[span * rank * rank..][..rank * rank];
-        let Self { steps, half, eigen, .. } = self;
+        self.used += 1;
+        let (mode, singular) = (&problem.modes[key.1], &problem.skin.singular);
+        let Self { steps, gram, half, eigen, .. } = self;
+        let gram = &gram[key.0 * rank * rank..][..rank * rank];
         let step = &mut steps[index];
-        step.span = span;
-        step.good.copy_from_slice(&mode.good);
+        (step.key, step.rows) = (key, mode.rows);
         step.is_head = mode.is_whole && eigen.is_none();
-        step.rows = mode.rows;
-        let rows = step.rows;
-        if step.is_head {
-            let known = |i: usize| i < rank;
-            for i in 0..head {
-                for j in 0..head {
-                    let own = &mut step.inverse[i * head + j];
-                    *own = if i == j { 1.0 } else { 0.0 };
-                    if known(i) && known(j) {
-                        let (s, r) =
-                            (mode.transposed[i * (rank + 1)], mode.transposed[j * (rank + 1)]);
-                        *own += s * gram[i * rank + j] * r;
-                    }
+        let DataStep { is_head, rows, inverse, forward, back, values, vectors, .. } = step;
+        let (rows, f) = (*rows, &mode.transposed[..*rows * rank]);
+        let size = if *is_head { head } else { rows };
+        let inverse = &mut inverse[..size * size];
+        if *is_head {
+            let known = head.min(rank);
+            inverse.fill(0.0);
+            for (i, row) in inverse.chunks_exact_mut(head).enumerate().take(known) {
+                for (j, own) in row.iter_mut().enumerate().take(known) {
+                    *own = singular[i] * gram[i * rank + j] * singular[j];
                 }
             }
-            let matrix = &mut step.inverse[..head * head];
-            arch.dispatch(
-                #[inline(always)]
-                || invert(matrix, head),
-            );
-            let pairs = step.head_inverse.iter_mut().zip(&step.inverse[..head * head]);
-            pairs.for_each(|(out, value)| *out = T::from_f64(*value));
+        } else {
+            vectorised!(congruent(f, gram, half, rank, inverse));
+        }
+        let turn = if let Some(eigen) = eigen {
+            eigen.set(inverse, rows, values, &mut vectors[..rows * rows])?;
+            &vectors[..rows * rows]
+        } else {
+            (0..size).for_each(|i| inverse[i * size + i] += 1.0);
+            vectorised!(invert(inverse, size));
+            &*inverse
+        };
+        if *is_head {
+            convert(turn, 1.0, &mut step.head_inverse);
             return Ok(index);
         }
-        let (f, inverse) = (&mode.transposed[..rows * rank], &mut step.inverse[..rows * rows]);
-        arch.dispatch(
-            #[inline(always)]
-            || congruent(f, gram, half, rank, inverse),
-        );
-        let DataStep { inverse, forward, back, values, vectors, .. } = step;
-        let inverse = &mut inverse[..rows * rows];
-        let of_f = || mode.transposed.chunks_exact(rank).take(rows);
-        match eigen {
-            None => {
-                (0..rows).for_each(|i| inverse[i * rows + i] += 1.0);
-                arch.dispatch(
-                    #[inline(always)]
-                    || invert(inverse, rows),
-                );
-                forward[..rows * rank].copy_from_slice(&mode.transposed[..rows * rank]);
-                // rows of F M, as sums of rows of M
-                back[..rank * rows].fill(0.0);
-                for (f, m) in of_f().zip(inverse.chunks_exact(rows.max(1))) {
-                    for (f, out) in f.iter().zip(back.chunks_exact_mut(rows)) {
-                        out.iter_mut().zip(m).for_each(|(o, m)| *o += f * m);
-                    }
-                }
+        for (i, row) in turn.chunks_exact(rows.max(1)).enumerate() {
+            let out = &mut forward[i * rank..][..rank];
+            out.fill(0.0);
+            for (e, f) in row.iter().zip(f.chunks_exact(rank)) {
+                out.iter_mut().zip(f).for_each(|(o, f)| *o += e * f);
             }
-            Some(eigen) => {
-                eigen.set(inverse, rows, values, &mut vectors[..rows * rows])?;
-                for (i, vector) in vectors.chunks_exact(rows.max(1)).enumerate().take(rows) {
-                    let out = &mut forward[i * rank..][..rank];
-                    out.fill(0.0);
-                    for (e, f) in vector.iter().zip(of_f()) {
-                        out.iter_mut().zip(f).for_each(|(o, f)| *o += e * f);
-                    }
-                    for (k, value) in out.iter().enumerate() {
-                        back[k * rows + i] = *value;
-                    }
-                }
+            for (k, value) in out.iter().enumerate() {
+                back[k * rows + i] = *value;
             }
+        }
+        if eigen.is_none() {
+            forward[..rows * rank].copy_from_slice(f);
         }
         Ok(index)
     }
 
     /// Sets `beta` of a frame, `[row of F']`.
-    pub(crate) fn set_beta(&mut self, frame: usize, beta: impl Iterator<Item = f64>) {
+    pub(crate) fn set_beta(
+        &mut self,
+        problem: &Problem<'_>,
+        frame: usize,
+        beta: impl Iterator<Item = f64>,
+    ) {
         let range = frame * self.padded..(frame + 1) * self.padded;
         let rows = self.beta[range.clone()].iter_mut().zip(&mut self.head_beta[range]);
         for ((own, head), value) in rows.zip(beta.chain(std::iter::repeat(0.0))) {
             (*own, *head) = (value, T::from_f64(value));
         }
         if self.used > 0 {
-            self.turn(frame);
+            self.turn(problem, frame);
         }
     }
 
-    /// Turns `beta` of a frame by the eigenvectors of its constraint.
-    fn turn(&mut self, frame: usize) {
-        if self.turned.is_empty() {
-            return;
-        }
+    /// Sets the radius of a frame's constraint, and turns its `beta` by the eigenvectors.
+    fn turn(&mut self, problem: &Problem<'_>, frame: usize) {
+        let Some(ball) = problem.ball(frame) else { return };
+        self.balls[frame] = ball * (1.0 - self.margin).powi(2);
         let (step, at) = (&self.steps[self.step_of[frame]], frame * self.padded);
         let (rows, vectors) = (step.rows, &step.vectors[..step.rows * step.rows]);
         multiply(vectors, &self.beta[at..][..rows], &mut self.turned[at..][..rows]);
@@ -365,10 +304,7 @@ impl<T: Project> DataSteps<T> {
 
     /// Computes the data dual of a frame's last iteration, `[row of F']`.
     pub(crate) fn dual(&mut self, state: &State<T>, frame: usize, out: &mut [f64]) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.dual_of(&state.coefficients, frame, out),
-        );
+        vectorised!(self.dual_of(&state.coefficients, frame, out));
     }
 
     #[inline(always)]
@@ -388,19 +324,30 @@ impl<T: Project> DataSteps<T> {
             out[known..rank].copy_from_slice(&self.tail_dual[at + known..at + rank]);
             return;
         }
-        first.iter_mut().zip(c).for_each(|(own, c)| *own = c.to_f64());
+        for (own, c) in first.iter_mut().zip(c) {
+            *own = c.to_f64();
+        }
         let u = &mut u[..rows];
         rows_times(&step.forward, &first[..rank], u);
         if self.turned.is_empty() {
-            u.iter_mut().zip(&self.beta[at..]).for_each(|(u, b)| *u -= b);
+            subtract(u, &self.beta[at..]);
             return rows_times(&step.inverse[..rows * rows], u, &mut out[..rows]);
         }
-        u.iter_mut().zip(&self.turned[at..]).for_each(|(u, b)| *u -= b);
+        subtract(u, &self.turned[at..]);
         let vectors = step.vectors.chunks_exact(rows.max(1)).zip(&step.values);
         for ((vector, value), u) in vectors.zip(u) {
             let turned = ball::dual(*u, *value, self.multipliers[frame]);
-            out.iter_mut().zip(vector).for_each(|(y, e)| *y += turned * e);
+            for (y, e) in out.iter_mut().zip(vector) {
+                *y += turned * e;
+            }
         }
+    }
+}
+
+#[inline(always)]
+fn subtract(values: &mut [f64], others: &[f64]) {
+    for (value, other) in values.iter_mut().zip(others) {
+        *value -= other;
     }
 }
 
@@ -422,7 +369,7 @@ fn multiply_head<T: Project>(matrix: &[T], x: &[T], out: &mut [T]) {
         let mut sum = splat(T::default());
         for (column, x) in matrix.chunks_exact(head).zip(x) {
             let m = load(column, at);
-            sum = each(|l| x.mul_add(m[l], sum[l]));
+            sum = each!(|l| x.mul_add(m[l], sum[l]));
         }
         store(out, at, sum);
     }
@@ -456,7 +403,7 @@ fn gram<T: Project>(ops: &Operators<T>, tau: &[T], ranks: usize, out: &mut [T]) 
                 for (i, sum) in sums.iter().enumerate() {
                     let at = (first + i) * padded + second;
                     let old = load(out, at);
-                    store(out, at, each(|l| old[l] + sum[l]));
+                    store(out, at, each!(|l| old[l] + sum[l]));
                 }
             }
         }

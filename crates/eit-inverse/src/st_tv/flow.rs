@@ -205,19 +205,19 @@ impl<T: Project> Flow<T> {
                 let radius = differences.cell_radius(at);
                 centre = load(anchor, here);
                 from = if shift > zero { centre } else { x };
-                e = each(|l| {
+                e = each!(|l| {
                     let value = e[l] - shift * (x[l] - centre[l]);
                     value - clip(value, held * radius[l])
                 });
             }
             if BOUNDED {
-                e = each(|l| {
+                e = each!(|l| {
                     let most = mu * (from[l] - lower).max(zero);
                     let least = mu * (from[l] - upper).min(zero);
                     e[l].min(most).max(least)
                 });
             }
-            store(error, here, each(|l| e[l] - shift * centre[l]));
+            store(error, here, each!(|l| e[l] - shift * centre[l]));
         }
     }
 
@@ -243,14 +243,14 @@ impl<T: Project> Flow<T> {
             let at_group = differences.group_radius(at);
             let here = base + at;
             let (a, b) = (load(next_first, here), load(next_second, here));
-            let up_a = each(|l| step.mul_add(da[l], a[l]));
-            let up_b = each(|l| step.mul_add(db[l], b[l]));
-            let radius = each(|l| space * at_group[l]);
+            let up_a = each!(|l| step.mul_add(da[l], a[l]));
+            let up_b = each!(|l| step.mul_add(db[l], b[l]));
+            let radius = each!(|l| space * at_group[l]);
             let factor = shrink(up_a, up_b, radius, radius);
-            let (a, b) = (each(|l| up_a[l] * factor[l]), each(|l| up_b[l] * factor[l]));
+            let (a, b) = (each!(|l| up_a[l] * factor[l]), each!(|l| up_b[l] * factor[l]));
             let (old_a, old_b) = (load(first, here), load(second, here));
-            store(next_first, here, each(|l| momentum.mul_add(a[l] - old_a[l], a[l])));
-            store(next_second, here, each(|l| momentum.mul_add(b[l] - old_b[l], b[l])));
+            store(next_first, here, each!(|l| momentum.mul_add(a[l] - old_a[l], a[l])));
+            store(next_second, here, each!(|l| momentum.mul_add(b[l] - old_b[l], b[l])));
             store(first, here, a);
             store(second, here, b);
         }
@@ -262,8 +262,8 @@ impl<T: Project> Flow<T> {
             let (before, e) = (load(error, here - cells), load(error, here));
             let (old, q) = (load(links, here), load(links_ahead, here));
             let radius = differences.cell_radius(at);
-            let new = each(|l| clip(step.mul_add(e[l] - before[l], q[l]), time * radius[l]));
-            store(links_ahead, here, each(|l| momentum.mul_add(new[l] - old[l], new[l])));
+            let new = each!(|l| clip(step.mul_add(e[l] - before[l], q[l]), time * radius[l]));
+            store(links_ahead, here, each!(|l| momentum.mul_add(new[l] - old[l], new[l])));
             store(links, here, new);
         }
     }

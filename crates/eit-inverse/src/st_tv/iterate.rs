@@ -45,7 +45,7 @@ use super::lanes::{
 use super::operators::Operators;
 use super::problem::Problem;
 use super::state::{SPAN, State, TOGETHER};
-use pulp::{Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
 /// Largest weight, in the solver's units; larger weights do not change the result but would overflow `f32`.
@@ -83,7 +83,7 @@ impl<T: Project> State<T> {
         let mut chain = self.chain.take();
         let own = chain.as_mut();
         match &ops.basis {
-            Basis::Grid(differences) => ops.arch.dispatch(Iterate {
+            Basis::Grid(differences) => Arch::new().dispatch(Iterate {
                 ops,
                 differences,
                 state: self,
@@ -92,7 +92,7 @@ impl<T: Project> State<T> {
                 chain: own,
                 count,
             }),
-            Basis::Gathered(differences) => ops.arch.dispatch(Iterate {
+            Basis::Gathered(differences) => Arch::new().dispatch(Iterate {
                 ops,
                 differences: &**differences,
                 state: self,
@@ -211,7 +211,7 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
                     let tail = if has_tail { load(tail, base + at) } else { zero };
                     let pull = duals.pull(*differences, frame, (BLOCKS * panel + j, at), tail);
                     let (d, tau) = (load(change, base + at), load(tau, span + at));
-                    *w = each(|l| d[l] - tau[l] * pull[l]);
+                    *w = each!(|l| d[l] - tau[l] * pull[l]);
                     store(work, base + at, *w);
                 }
             }
@@ -257,31 +257,31 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
                 for (pull, &at) in pull.iter().zip(blocks) {
                     let here = base + at;
                     let (d, w, tau) = (load(change, here), load(work, here), load(tau, span + at));
-                    let new = each(|l| w[l] - tau[l] * pull[l]);
-                    let ahead = each(|l| new[l] + (new[l] - d[l]));
+                    let new = each!(|l| w[l] - tau[l] * pull[l]);
+                    let ahead = each!(|l| new[l] + (new[l] - d[l]));
                     let x = load(origin, here);
                     if keep {
                         store(fresh, here, new);
                     }
-                    store(work, here, each(|l| x[l] + ahead[l]));
-                    store(change, here, each(|l| rho.mul_add(new[l] - d[l], d[l])));
+                    store(work, here, each!(|l| x[l] + ahead[l]));
+                    store(change, here, each!(|l| rho.mul_add(new[l] - d[l], d[l])));
                     if !is_held {
                         continue;
                     }
                     let (p, step) = (load(force, here), load(cell_step, span + at));
                     let radius = differences.cell_radius(at);
-                    let step = each(|l| split * step[l]);
-                    let up = each(|l| step[l].mul_add(ahead[l], p[l]));
-                    let limit = each(|l| scaled.anchor * radius[l]);
+                    let step = each!(|l| split * step[l]);
+                    let up = each!(|l| step[l].mul_add(ahead[l], p[l]));
+                    let limit = each!(|l| scaled.anchor * radius[l]);
                     let mut dual = huber(up, limit, step, scaled);
                     if !room[0].is_empty() {
                         let (below, above) = (load(&room[0], here), load(&room[1], here));
-                        dual = each(|l| {
+                        dual = each!(|l| {
                             let soft = up[l] - dual[l];
                             up[l] - soft.min(step[l] * above[l]).max(step[l] * below[l])
                         });
                     }
-                    store(force, here, each(|l| rho.mul_add(dual[l] - p[l], p[l])));
+                    store(force, here, each!(|l| rho.mul_add(dual[l] - p[l], p[l])));
                 }
             }
         }
@@ -299,12 +299,12 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
         for &at in &ops.places.blocks {
             let (before, here) = (load(work, base - cells + at), load(work, base + at));
             let (first, second) = (load(cell_step, spans[0] + at), load(cell_step, spans[1] + at));
-            let step = each(|l| split * first[l].min(second[l]));
+            let step = each!(|l| split * first[l].min(second[l]));
             let (q, radius) = (load(links, base + at), differences.cell_radius(at));
-            let up = each(|l| step[l].mul_add(here[l] - before[l], q[l]));
-            let limit = each(|l| scaled.time * radius[l]);
+            let up = each!(|l| step[l].mul_add(here[l] - before[l], q[l]));
+            let limit = each!(|l| scaled.time * radius[l]);
             let new = huber(up, limit, step, scaled);
-            store(links, base + at, each(|l| scaled.rho.mul_add(new[l] - q[l], q[l])));
+            store(links, base + at, each!(|l| scaled.rho.mul_add(new[l] - q[l], q[l])));
         }
     }
 
@@ -359,15 +359,15 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
             let [da, db] = differences.difference(bar, at);
             let step = load(group_step, span + at);
             let (a, b) = (load(first, base + at), load(second, base + at));
-            let up_a = each(|l| step[l].mul_add(da[l], a[l]));
-            let up_b = each(|l| step[l].mul_add(db[l], b[l]));
+            let up_a = each!(|l| step[l].mul_add(da[l], a[l]));
+            let up_b = each!(|l| step[l].mul_add(db[l], b[l]));
             let radius = differences.group_radius(at);
-            let radius = each(|l| scaled.space * radius[l]);
-            let least = each(|l| step[l].mul_add(scaled.smoothing, radius[l]));
+            let radius = each!(|l| scaled.space * radius[l]);
+            let least = each!(|l| step[l].mul_add(scaled.smoothing, radius[l]));
             let factor = shrink(up_a, up_b, radius, least);
             let rho = scaled.rho;
-            store(first, base + at, each(|l| rho.mul_add(up_a[l] * factor[l] - a[l], a[l])));
-            store(second, base + at, each(|l| rho.mul_add(up_b[l] * factor[l] - b[l], b[l])));
+            store(first, base + at, each!(|l| rho.mul_add(up_a[l] * factor[l] - a[l], a[l])));
+            store(second, base + at, each!(|l| rho.mul_add(up_b[l] * factor[l] - b[l], b[l])));
         }
     }
 }
@@ -385,7 +385,7 @@ fn scale_by<T: Project>(values: &mut [T], factors: &[T]) {
 /// Returns `project(up / (1 + step gamma / limit))` onto `[-limit, limit]`.
 #[inline(always)]
 fn huber<T: Project>(up: Lane<T>, limit: Lane<T>, step: Lane<T>, scaled: &Scaled<T>) -> Lane<T> {
-    each(|l| {
+    each!(|l| {
         let least = step[l].mul_add(scaled.smoothing, limit[l]);
         up[l] * (limit[l] / up[l].abs().max(least).max(scaled.tiny))
     })

@@ -18,6 +18,18 @@ pub(crate) const PANEL: usize = LANES * BLOCKS;
 /// Values of neighbouring cells.
 pub(crate) type Lane<T> = [T; LANES];
 
+/// Computes a lane value by value: `each!(|l| value)`. A closure would be compiled once for all registers.
+macro_rules! each {
+    (|$l:ident| $value:expr) => {{
+        let mut out = [Default::default(); $crate::st_tv::lanes::LANES];
+        for $l in 0..$crate::st_tv::lanes::LANES {
+            out[$l] = $value;
+        }
+        out
+    }};
+}
+pub(crate) use each;
+
 /// Loads the lane that starts at `at`.
 #[inline(always)]
 pub(crate) fn load<T: Float>(values: &[T], at: usize) -> Lane<T> {
@@ -30,16 +42,6 @@ pub(crate) fn load<T: Float>(values: &[T], at: usize) -> Lane<T> {
 #[inline(always)]
 pub(crate) fn store<T: Float>(values: &mut [T], at: usize, lane: Lane<T>) {
     values[at..at + LANES].copy_from_slice(&lane);
-}
-
-/// Computes a lane value by value.
-#[inline(always)]
-pub(crate) fn each<T: Float>(mut value: impl FnMut(usize) -> T) -> Lane<T> {
-    let mut out = [T::default(); LANES];
-    for (l, out) in out.iter_mut().enumerate() {
-        *out = value(l);
-    }
-    out
 }
 
 /// Returns a lane of equal values.
@@ -57,7 +59,7 @@ pub(crate) fn clip<T: Float>(value: T, limit: T) -> T {
 /// Returns `radius / max(|(a, b)|, least)`.
 #[inline(always)]
 pub(crate) fn shrink<T: Float>(a: Lane<T>, b: Lane<T>, radius: Lane<T>, least: Lane<T>) -> Lane<T> {
-    each(|l| radius[l] / a[l].mul_add(a[l], b[l] * b[l]).sqrt().max(least[l]))
+    each!(|l| radius[l] / a[l].mul_add(a[l], b[l] * b[l]).sqrt().max(least[l]))
 }
 
 /// Returns the sum of a lane, by pairwise summation.
@@ -224,6 +226,17 @@ macro_rules! project {
 }
 project!(f32, i16, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, mul_add_f32s);
 project!(f64, f64, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, mul_add_f64s);
+
+/// Runs a call with the widest registers of the machine. All that it calls must be `inline(always)`, and no closures.
+macro_rules! vectorised {
+    ($call:expr) => {
+        ::pulp::Arch::new().dispatch(
+            #[inline(always)]
+            || $call,
+        )
+    };
+}
+pub(crate) use vectorised;
 
 /// Calls a method for all frames, a few at a time: `by_frames!(frames, |G, first| call)`.
 macro_rules! by_frames {

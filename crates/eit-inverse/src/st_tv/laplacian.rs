@@ -2,6 +2,7 @@
 //! feasible.
 
 use super::differences::ScaledRows;
+use super::lanes::vectorised;
 use crate::InverseError;
 use faer::Par;
 use faer::Side;
@@ -11,7 +12,6 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
-use pulp::Arch;
 
 /// Number of right-hand sides that are solved together.
 pub(crate) const SIDES: usize = 8;
@@ -90,43 +90,36 @@ impl Laplacian {
 
     /// Solves for [`SIDES`] right-hand sides in place, `x` `[unknown]`; `work` has the same length.
     pub(crate) fn solve(&self, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
-        Arch::new().dispatch(
-            #[inline(always)]
-            || self.substitute(x, work),
-        );
+        vectorised!(self.substitute(x, work));
     }
 
     #[inline(always)]
     fn substitute(&self, x: &mut [[f64; SIDES]], work: &mut [[f64; SIDES]]) {
         let Self { starts, rows, values, order } = self;
-        work.iter_mut().zip(order).for_each(|(row, &p)| *row = x[p as usize]);
-        let column = |j: usize| {
-            let range = starts[j] as usize..starts[j + 1] as usize;
-            rows[range.clone()].iter().map(|&i| i as usize).zip(&values[range])
-        };
+        for (row, &p) in work.iter_mut().zip(order) {
+            *row = x[p as usize];
+        }
+        // the first entry of a column is its diagonal
         for j in 0..order.len() {
-            let mut own = work[j];
-            for (i, &value) in column(j) {
-                if i == j {
-                    own = scale(1.0 / value, own);
-                    work[j] = own;
-                } else {
-                    work[i] = add(-value, own, work[i]);
-                }
+            let [first, end] = [starts[j] as usize, starts[j + 1] as usize];
+            let own = scale(1.0 / values[first], work[j]);
+            work[j] = own;
+            for k in first + 1..end {
+                let row = &mut work[rows[k] as usize];
+                *row = add(-values[k], own, *row);
             }
         }
         for j in (0..order.len()).rev() {
-            let (mut own, mut diagonal) = (work[j], 1.0);
-            for (i, &value) in column(j) {
-                if i == j {
-                    diagonal = value;
-                } else {
-                    own = add(-value, work[i], own);
-                }
+            let [first, end] = [starts[j] as usize, starts[j + 1] as usize];
+            let mut own = work[j];
+            for k in first + 1..end {
+                own = add(-values[k], work[rows[k] as usize], own);
             }
-            work[j] = scale(1.0 / diagonal, own);
+            work[j] = scale(1.0 / values[first], own);
         }
-        work.iter().zip(order).for_each(|(row, &p)| x[p as usize] = *row);
+        for (row, &p) in work.iter().zip(order) {
+            x[p as usize] = *row;
+        }
     }
 }
 

@@ -4,13 +4,11 @@ use super::differences::{Basis, Places, ScaledRows};
 use super::gradient::Gradient;
 use super::lanes::{BLOCKS, Entry, LANES, PANEL, Project};
 use faer::MatRef;
-use pulp::Arch;
 
 /// Operators of one problem in one floating-point type. Arrays over cells or groups have the layout of
 /// [`super::differences`].
 #[derive(Debug, Clone)]
 pub(crate) struct Operators<T: Project> {
-    pub(crate) arch: Arch,
     pub(crate) places: Places,
     pub(crate) basis: Basis<T>,
     pub(crate) groups: usize,
@@ -80,7 +78,6 @@ impl<T: Project> Operators<T> {
         let mean_radius = mean(&scaled.sizes);
         let (adjoint_terms, norm_squared) = norms(scaled, unknowns);
         Self {
-            arch: Arch::new(),
             groups: basis.group_length(&places),
             places,
             basis,

@@ -2,7 +2,7 @@
 
 use super::lanes::{BLOCKS, LANES, Lane, Project, by_frames, each, load, splat, store, total};
 use super::operators::Operators;
-use pulp::{Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
 /// Number of panels whose products are summed in a lane before conversion to `f64`.
@@ -22,13 +22,13 @@ impl<T: Project> Operators<T> {
         sums: &mut [Lane<T>],
         out: &mut [f64],
     ) {
-        self.arch.dispatch(Analyse { ops: self, x, ranks, sums, out });
+        Arch::new().dispatch(Analyse { ops: self, x, ranks, sums, out });
     }
 
     /// Computes `out = V z`, or adds it, on all cells of all frames, over a range of ranks; `z` is
     /// `[frame][padded rank]`.
     pub(crate) fn expand(&self, z: &[T], ranks: Range<usize>, add: bool, out: &mut [T]) {
-        self.arch.dispatch(Expand { ops: self, ranks, z, add, out });
+        Arch::new().dispatch(Expand { ops: self, ranks, z, add, out });
     }
 }
 
@@ -65,8 +65,8 @@ impl<T: Project, X: Project> Analyse<'_, T, X> {
             for (f, w) in w.iter_mut().enumerate() {
                 for (w, &at) in w.iter_mut().zip(blocks) {
                     let x = load(x, (first + f) * cells + at);
-                    *w = each(|l| T::from_f64(x[l].to_f64()));
-                    largest = each(|l| largest[l].max(w[l].abs()));
+                    *w = each!(|l| T::from_f64(x[l].to_f64()));
+                    largest = each!(|l| largest[l].max(w[l].abs()));
                 }
             }
             if largest != splat(T::default()) {
@@ -86,7 +86,7 @@ impl<T: Project, X: Project> Analyse<'_, T, X> {
 #[inline(always)]
 fn flush<T: Project>(sums: &mut [Lane<T>], out: &mut [f64]) {
     for (sum, out) in sums.iter_mut().zip(out) {
-        *out += total(&each(|l| sum[l].to_f64()));
+        *out += total(&each!(|l| sum[l].to_f64()));
         *sum = [T::default(); LANES];
     }
 }
@@ -122,7 +122,7 @@ impl<T: Project> Expand<'_, T> {
                 for (sum, &at) in sums.iter().zip(blocks) {
                     let here = (first + f) * cells + at;
                     let before = if *add { load(out, here) } else { splat(T::default()) };
-                    store(out, here, each(|l| before[l] + sum[l]));
+                    store(out, here, each!(|l| before[l] + sum[l]));
                 }
             }
         }

@@ -10,20 +10,12 @@
 //! one product with `A` and one with `A'`, and a QR of at most as many columns as `A` has rows.
 
 use faer::linalg::solvers::SolveLstsq;
-use faer::{Mat, MatRef};
+use faer::{Col, ColRef, Mat, MatRef};
 
 /// Smallest slope of the residual, relative to the norm of the unknown's column, that counts as a reduction.
 const LEAST_SLOPE: f64 = 1e-10;
 /// Most releases per unknown: far more than needed, in case of a cycle.
 const RELEASES: usize = 3;
-
-/// Place of an unknown.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Place {
-    Lower,
-    Upper,
-    Free,
-}
 
 /// Returns the smallest residual norm; `None` if it is at most `enough`, or if it cannot be told, with as many free
 /// unknowns as rows.
@@ -33,42 +25,31 @@ pub(crate) fn least_residual(
     bounds: [f64; 2],
     enough: f64,
 ) -> Option<f64> {
-    let n = a.ncols();
-    let [lower, upper] = bounds;
-    let start = if lower.abs() <= upper.abs() { Place::Lower } else { Place::Upper };
-    let mut search = Search {
-        a,
-        b,
-        bounds,
-        places: vec![start; n],
-        values: vec![if start == Place::Lower { lower } else { upper }; n],
-    };
-    let norms: Vec<f64> = (0..n).map(|p| a.col(p).norm_l2()).collect();
+    let (n, b, [lower, upper]) = (a.ncols(), ColRef::from_slice(b), bounds);
+    let mut x = Col::full(n, if lower.abs() <= upper.abs() { lower } else { upper });
+    let mut free = Vec::new();
     // an unknown whose release gained nothing, because its column depends on the free ones
     let mut vain = vec![false; n];
     for _ in 0..RELEASES * n + 1 {
-        let residual = search.residual();
-        let size = norm(&residual);
+        let residual = b - a * &x;
+        let size = residual.norm_l2();
         if size <= enough || !size.is_finite() {
             return None;
         }
         let slope = |p: usize| {
-            let along: f64 = (0..b.len()).map(|i| a[(i, p)] * residual[i]).sum();
-            match search.places[p] {
-                Place::Lower => along,
-                Place::Upper => -along,
-                Place::Free => 0.0,
-            }
+            let inwards = if x[p] == lower { 1.0 } else { -1.0 };
+            let along = inwards * (a.col(p).transpose() * &residual);
+            if free.contains(&p) { 0.0 } else { along / a.col(p).norm_l2().max(1e-300) }
         };
-        let slopes = (0..n).filter(|&p| !vain[p]).map(|p| (p, slope(p) / norms[p].max(1e-300)));
+        let slopes = (0..n).filter(|&p| !vain[p]).map(|p| (p, slope(p)));
         let (best, slope) = slopes.max_by(|x, y| x.1.total_cmp(&y.1))?;
         if slope <= LEAST_SLOPE * size {
             return Some(size);
         }
-        let before = search.places[best];
-        search.places[best] = Place::Free;
-        search.settle()?;
-        vain[best] = search.places[best] == before;
+        let before = x[best];
+        free.push(best);
+        settle(a, b, bounds, &mut x, &mut free)?;
+        vain[best] = !free.contains(&best) && x[best] == before;
         if !vain[best] {
             vain.fill(false);
         }
@@ -76,80 +57,45 @@ pub(crate) fn least_residual(
     None
 }
 
-fn norm(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum::<f64>().sqrt()
-}
-
-/// State of a search.
-struct Search<'a> {
-    a: MatRef<'a, f64>,
-    b: &'a [f64],
-    bounds: [f64; 2],
-    places: Vec<Place>,
-    values: Vec<f64>,
-}
-
-impl Search<'_> {
-    /// Returns `b - A x` with the unknowns that `counts`.
-    fn rest(&self, counts: impl Fn(Place) -> bool) -> Vec<f64> {
-        let mut rest = self.b.to_vec();
-        for (p, (place, value)) in self.places.iter().zip(&self.values).enumerate() {
-            if *value != 0.0 && counts(*place) {
-                rest.iter_mut().enumerate().for_each(|(i, r)| *r -= self.a[(i, p)] * value);
-            }
+/// Moves the free unknowns to their least squares; those that would leave the bounds stop there, one after the other.
+/// Returns `None` if there are more of them than rows.
+fn settle(
+    a: MatRef<'_, f64>,
+    b: ColRef<'_, f64>,
+    [lower, upper]: [f64; 2],
+    x: &mut Col<f64>,
+    free: &mut Vec<usize>,
+) -> Option<()> {
+    while !free.is_empty() {
+        if free.len() > b.nrows() {
+            return None;
         }
-        rest
-    }
-
-    fn residual(&self) -> Vec<f64> {
-        self.rest(|_| true)
-    }
-
-    /// Moves the free unknowns to their least squares, or as far as the bounds allow, until all are within bounds.
-    /// Returns `None` if there are more of them than rows.
-    fn settle(&mut self) -> Option<()> {
-        let [lower, upper] = self.bounds;
-        loop {
-            let free: Vec<usize> =
-                (0..self.places.len()).filter(|&p| self.places[p] == Place::Free).collect();
-            if free.is_empty() {
-                return Some(());
-            }
-            if free.len() > self.b.len() {
-                return None;
-            }
-            let fixed = self.rest(|place| place != Place::Free);
-            let columns = Mat::from_fn(self.b.len(), free.len(), |i, k| self.a[(i, free[k])]);
-            let right = Mat::from_fn(self.b.len(), 1, |i, _| fixed[i]);
-            let wanted = columns.col_piv_qr().solve_lstsq(&right);
-            // the largest step towards the least squares within bounds
-            let mut step = 1.0_f64;
-            for (k, &p) in free.iter().enumerate() {
-                let (from, to) = (self.values[p], wanted[(k, 0)]);
-                let bound = if to < lower { lower } else { upper };
-                if to < lower || to > upper {
-                    step = step.min((bound - from) / (to - from));
-                }
-            }
-            if !step.is_finite() {
-                return None;
-            }
-            for (k, &p) in free.iter().enumerate() {
-                let (from, to) = (self.values[p], wanted[(k, 0)]);
-                let (reached, out) = (from + step * (to - from), to < lower || to > upper);
-                self.values[p] = reached.clamp(lower, upper);
-                let bound = if to < lower { lower } else { upper };
-                // exactly those that limited the step
-                if out && (bound - from) / (to - from) <= step {
-                    self.values[p] = bound;
-                    self.places[p] = if to < lower { Place::Lower } else { Place::Upper };
-                }
-            }
-            if step >= 1.0 {
-                return Some(());
-            }
+        let columns = Mat::from_fn(b.nrows(), free.len(), |i, k| a[(i, free[k])]);
+        let residual = b - a * &*x;
+        let change = columns.col_piv_qr().solve_lstsq(residual.as_mat());
+        let change = |k: usize| change[(k, 0)];
+        // the share of the change that is within the bounds
+        let share = |(k, &p): (usize, &usize)| {
+            let (from, to) = (x[p], x[p] + change(k));
+            let room = to.clamp(lower, upper) - from;
+            if (lower..=upper).contains(&to) { f64::INFINITY } else { room / change(k) }
+        };
+        let shares: Vec<f64> = free.iter().enumerate().map(share).collect();
+        let step = shares.iter().fold(1.0_f64, |least, share| least.min(*share));
+        if !change(0).is_finite() {
+            return None;
+        }
+        for (k, &p) in free.iter().enumerate() {
+            let to = if shares[k] <= step { x[p] + change(k) } else { x[p] + step * change(k) };
+            x[p] = to.clamp(lower, upper);
+        }
+        let mut shares = shares.into_iter();
+        free.retain(|_| shares.next().is_none_or(|share| share > step));
+        if step >= 1.0 {
+            break;
         }
     }
+    Some(())
 }
 
 #[cfg(test)]
@@ -195,7 +141,7 @@ mod tests {
                     *x = new;
                 }
             }
-            let found = norm(&residual(&x));
+            let found = residual(&x).iter().map(|r| r * r).sum::<f64>().sqrt();
             // the gradients fall as the square of the steps
             assert!(
                 least <= found * (1.0 + 1e-9) && found <= least * (1.0 + 1e-4) + 1e-6,

@@ -283,7 +283,7 @@ impl Repair {
                 let (change, here) = (differences.difference(z, at), frame * ops.groups + at);
                 for (q, change) in self.duals.flow.iter_mut().zip(change) {
                     let own = load(q, here);
-                    store(q, here, each(|l| own[l] - change[l]));
+                    store(q, here, each!(|l| own[l] - change[l]));
                 }
             }
         }

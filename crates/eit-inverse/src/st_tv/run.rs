@@ -102,7 +102,7 @@ impl<'a, T: Project> Run<'a, T> {
         let record = Record::new(&problem);
         engine.state.set_origin(ops, &record.images, problem.bounds);
         for frame in 0..problem.frames() {
-            engine.data.set_beta(frame, problem.beta(frame).iter().copied());
+            engine.data.set_beta(&problem, frame, problem.beta(frame).iter().copied());
         }
         let schedule = Schedule {
             is_mapped: false,
@@ -276,7 +276,7 @@ impl<'a, T: Project> Run<'a, T> {
         candidate.evaluate(problem, may_move.then_some((&*state, &*data)));
         state.set_origin(ops, &candidate.images, problem.bounds);
         for (frame, residual) in candidate.residual.chunks_exact(ops.padded).enumerate() {
-            data.set_beta(frame, residual.iter().map(|r| -r));
+            data.set_beta(problem, frame, residual.iter().map(|r| -r));
         }
         engine.set_tail(ops, None);
         self.schedule.evaluated = record.iterations;

@@ -290,9 +290,9 @@ impl<T: Project> MapScratch<T> {
             for &at in &ops.places.blocks {
                 let here = span * state.cells + at;
                 let (g, inside) = (load(&self.scale, here), load(&ops.inside, at));
-                let own = each(|l| inside[l] * (factor * (g[l] * per_size).max(floor).sqrt()));
+                let own = each!(|l| inside[l] * (factor * (g[l] * per_size).max(floor).sqrt()));
                 store(&mut state.tau, here, own);
-                most = each(|l| most[l].max(own[l]));
+                most = each!(|l| most[l].max(own[l]));
             }
         }
         largest(&most).to_f64()
@@ -309,7 +309,7 @@ impl<T: Project> MapScratch<T> {
                 let image = &images[frame * cells..][..cells];
                 for &at in differences.group_blocks() {
                     let ([a, b], old) = (differences.difference(image, at), load(groups, at));
-                    store(groups, at, each(|l| old[l].max(a[l].abs().max(b[l].abs()))));
+                    store(groups, at, each!(|l| old[l].max(a[l].abs().max(b[l].abs()))));
                 }
             }
             for round in 0..3 {
@@ -324,7 +324,7 @@ impl<T: Project> MapScratch<T> {
             }
             for &at in &ops.places.blocks {
                 let (old, new) = (load(scale, at), load(spread, at));
-                store(scale, at, each(|l| old[l].max(new[l])));
+                store(scale, at, each!(|l| old[l].max(new[l])));
             }
         }
     }
@@ -345,11 +345,11 @@ fn sigma<T: Project, D: Differences<T>>(ops: &Operators<T>, differences: &D, sta
     for ((tau, cell), group) in spans.zip(group_step.chunks_exact_mut((*groups).max(1))) {
         for &at in &ops.places.blocks {
             let (own, inside) = (load(tau, at), load(&ops.inside, at));
-            store(cell, at, each(|l| inside[l] / own[l].max(tiny)));
+            store(cell, at, each!(|l| inside[l] / own[l].max(tiny)));
         }
         for &at in differences.group_blocks() {
             let own = differences.group_largest(tau, at);
-            store(group, at, each(|l| space / own[l].max(tiny)));
+            store(group, at, each!(|l| space / own[l].max(tiny)));
         }
     }
 }

@@ -217,7 +217,7 @@ impl Candidate {
             for &at in differences.group_blocks() {
                 let [a, b] = differences.difference(image, at);
                 let radius = differences.group_radius(at);
-                space = each(|l| {
+                space = each!(|l| {
                     let norm = a[l].mul_add(a[l], b[l] * b[l]).sqrt();
                     radius[l].mul_add(norm, space[l])
                 });
@@ -229,16 +229,16 @@ impl Candidate {
                 for &at in &exact.places.blocks {
                     let (x, y) = (load(before, at), load(own, at));
                     let radius = differences.cell_radius(at);
-                    time = each(|l| radius[l].mul_add((y[l] - x[l]).abs(), time[l]));
+                    time = each!(|l| radius[l].mul_add((y[l] - x[l]).abs(), time[l]));
                 }
             }
         }
         if let Some(anchor) = problem.anchor {
             for &at in &exact.places.blocks {
                 let (d, radius) = (load(&self.change, at), differences.cell_radius(at));
-                held = each(|l| radius[l].mul_add(d[l].abs(), held[l]));
+                held = each!(|l| radius[l].mul_add(d[l].abs(), held[l]));
             }
-            held = each(|l| anchor.lambda * held[l]);
+            held = each!(|l| anchor.lambda * held[l]);
         }
         problem.lambda_space * total(&space) + problem.lambda_time * total(&time) + total(&held)
     }

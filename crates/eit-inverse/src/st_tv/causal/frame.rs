@@ -201,8 +201,6 @@ impl Frames {
                 frame.set_first_map()?;
                 *scale = frame.scale;
                 self.map_age = 1;
-            } else {
-                frame.engine.data.assign(problem, ops, &frame.engine.state)?;
             }
             status = frame.run(&limits)?;
         }
@@ -269,7 +267,7 @@ impl<T: Project> Frame<'_, T> {
         let Some(Anchor { image, beta, .. }) = problem.anchor else { return };
         engine.state.set_origin(ops, image, problem.bounds);
         engine.state.start_at_origin();
-        engine.data.set_beta(0, beta.iter().copied());
+        engine.data.set_beta(problem, 0, beta.iter().copied());
         engine.set_tail(ops, None);
     }
 

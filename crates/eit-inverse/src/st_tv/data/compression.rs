@@ -1,9 +1,7 @@
 //! Singular value decomposition of the whitened Jacobian.
 
 use crate::InverseError;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
-use faer::{Col, Mat, Par, Spec};
+use faer::Mat;
 use ndarray::ArrayRef2;
 
 /// Truncated singular value decomposition of the whitened Jacobian, `W^1/2 J = U S V'`.
@@ -49,34 +47,19 @@ impl Compression {
             0.0 => 0.0,
             w => w * jacobian[(i, p)] / largest,
         });
-        let rank = unknowns.min(measurements);
-        let failed = InverseError::Factorisation {
+        let svd = transposed.thin_svd().map_err(|_| InverseError::Factorisation {
             what: "singular values of the Jacobian",
             size: measurements,
-        };
-        let (mut basis, mut left) = (Mat::zeros(unknowns, rank), Mat::zeros(measurements, rank));
-        let mut singular = Col::<f64>::zeros(rank);
-        let thin = ComputeSvdVectors::Thin;
-        let scratch =
-            svd_scratch::<f64>(unknowns, measurements, thin, thin, Par::Seq, Spec::default());
-        svd(
-            transposed.as_ref(),
-            singular.as_diagonal_mut(),
-            Some(basis.as_mut()),
-            Some(left.as_mut()),
-            Par::Seq,
-            MemStack::new(&mut MemBuffer::new(scratch)),
-            Spec::default(),
-        )
-        .map_err(|_| failed)?;
+        })?;
+        let singular = svd.S().column_vector();
         let floor = unknowns.max(measurements) as f64 * f64::EPSILON * singular[0];
-        let kept = (0..rank).take_while(|&k| singular[k] > floor).count();
+        let kept = singular.iter().take_while(|s| **s > floor).count();
         Ok(Self {
             measurements,
             root_weights,
-            left: left.get(.., ..kept).to_owned(),
+            left: svd.V().get(.., ..kept).to_owned(),
             singular: (0..kept).map(|k| largest * singular[k]).collect(),
-            basis: basis.get(.., ..kept).to_owned(),
+            basis: svd.U().get(.., ..kept).to_owned(),
         })
     }
 

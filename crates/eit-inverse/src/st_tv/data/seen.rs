@@ -10,8 +10,8 @@
 
 use super::Compression;
 use crate::st_tv::dense::{dot, multiply};
+use crate::st_tv::lanes::vectorised;
 use faer::Mat;
-use pulp::Arch;
 
 /// Data operator `F'` for one set of good channels.
 #[derive(Debug, Clone)]
@@ -210,10 +210,7 @@ impl Seen {
             }
             values.fill(0.0);
             let values = &mut values[..self.rows];
-            Arch::new().dispatch(
-                #[inline(always)]
-                || project(&compression.left, values, rest),
-            );
+            vectorised!(project(&compression.left, values, rest));
             *rest_squared = rest.iter().map(|v| v * v).sum();
             return;
         }
