@@ -6,7 +6,7 @@
 //! the machine inside `pulp`'s dispatch; for the same reason no closures are passed to `map`.
 
 use super::float::Float;
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 /// Number of cells processed together.
 pub(crate) const LANES: usize = 16;
@@ -227,13 +227,26 @@ macro_rules! project {
 project!(f32, i16, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, mul_add_f32s);
 project!(f64, f64, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, mul_add_f64s);
 
+/// A call to run with the widest registers.
+pub(crate) struct Wide<F>(pub(crate) F);
+
+impl<R, F: FnMut() -> R> WithSimd for Wide<F> {
+    type Output = R;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> R {
+        // pulp calls closures as `FnOnce`, by a function that is not inlined
+        (self.0)()
+    }
+}
+
 /// Runs a call with the widest registers of the machine. All that it calls must be `inline(always)`, and no closures.
 macro_rules! vectorised {
     ($call:expr) => {
-        ::pulp::Arch::new().dispatch(
+        ::pulp::Arch::new().dispatch($crate::st_tv::lanes::Wide(
             #[inline(always)]
             || $call,
-        )
+        ))
     };
 }
 pub(crate) use vectorised;
