@@ -3,11 +3,12 @@
 //!
 //! | file | contents |
 //! |---|---|
-//! | `batch`, `solve`, `task`, `run` | [`StTv`]: set-up; whole sequences, in internal units, from first iterate to proof |
+//! | `batch`, `solve`, `task`, `run` | [`StTv`]: set-up; whole sequences, from first iterate to proof |
 //! | `causal` | [`CausalStream`]: frames as they come; the solution of one |
 //! | `weights`, `quiet`, `settings`, `gradient` | weights from the noise; frames of noise; user input |
-//! | `problem`, `data` | the problem; data compressed to the row space of the Jacobian |
-//! | `iterate`, `state`, `fit`, `chain` | iteration; iterate; exact data step; exact steps in time |
+//! | `problem`, `data`, `units` | the problem; data compressed to the row space of the Jacobian; internal units |
+//! | `engine`, `record` | what a solution changes, in either floating-point type; its best image and bound |
+//! | `iterate`, `state`, `duals`, `fit`, `chain` | iteration; iterate and duals; exact data step; exact steps in time |
 //! | `step`, `travel` | step sizes; how far images and duals travel, from which long runs balance them |
 //! | `value` | candidate images and their objective |
 //! | `certificate`, `bound`, `flow` | lower bound; its value; search for nearly feasible duals |

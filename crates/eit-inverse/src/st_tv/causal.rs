@@ -3,6 +3,7 @@
 //! Over 400 lines because all events act on one image and its unit.
 
 mod frame;
+mod frames;
 mod proof;
 mod settings;
 
@@ -15,7 +16,7 @@ use super::settings::{Fidelity, StTvSettings, Weights};
 use super::units::{Units, radius};
 use crate::check::{check_length, check_range};
 use crate::{Certificate, InverseError, SequenceStatus};
-use frame::Frames;
+use frames::Frames;
 pub use settings::{CausalDual, CausalSettings, CausalStep};
 use std::slice::from_ref;
 use std::time::Instant;
@@ -89,7 +90,7 @@ impl CausalStream {
         let (rank, cells) = (operators.padded, operators.cells());
         let (measurements, zeros) = (solver.measurements(), |count: usize| vec![0.0; count]);
         let seen = Seen::new(&solver.compression);
-        let target = Target { values: zeros(rank), rest_squared: 0.0, rest: zeros(measurements) };
+        let target = Target::zero(&solver.compression);
         let (anchor, beta) = (zeros(cells), zeros(rank));
         let shape = problem(&solver, &settings, (&seen, &target, &0.0), (&anchor, &beta), 1.0);
         let frames = Frames::new(&shape, &solver.single);

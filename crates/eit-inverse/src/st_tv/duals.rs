@@ -19,8 +19,8 @@ pub(crate) struct Duals<T> {
     pub(crate) held: Vec<T>,
 }
 
-impl<T: Float> Duals<T> {
-    pub(crate) fn new<U: Project>(ops: &Operators<U>, problem: &Problem<'_>, held: bool) -> Self {
+impl<T: Project> Duals<T> {
+    pub(crate) fn new(ops: &Operators<T>, problem: &Problem<'_>, held: bool) -> Self {
         let (frames, cells, groups) = (problem.frames(), ops.cells(), ops.groups);
         let zeros =
             |is_used: bool, count: usize| vec![T::default(); if is_used { count } else { 0 }];
@@ -74,10 +74,7 @@ impl<T: Float> Duals<T> {
     }
 
     /// Returns the largest ratio of a dual of space or time to its radius; infinite if one with radius zero is not zero.
-    pub(crate) fn largest_ratio(&self, ops: &Operators<T>, space: f64, time: f64) -> f64
-    where
-        T: Project,
-    {
+    pub(crate) fn largest_ratio(&self, ops: &Operators<T>, space: f64, time: f64) -> f64 {
         for_basis!(ops, |differences| self.ratio(ops, differences, space, time))
     }
 
@@ -88,10 +85,7 @@ impl<T: Float> Duals<T> {
         differences: &D,
         space: f64,
         time: f64,
-    ) -> f64
-    where
-        T: Project,
-    {
+    ) -> f64 {
         let zero = T::default();
         let (space, time, [first, second]) = (T::from_f64(space), T::from_f64(time), &self.flow);
         let mut most = splat(zero);

@@ -137,7 +137,7 @@ impl<T: Project> DataSteps<T> {
         for span in 0..state.spans() {
             let tau = &state.tau[span * state.cells..][..state.cells];
             let (ranks, out) = (self.head, self.product.as_mut_slice());
-            vectorised!(gram(ops, tau, ranks, out));
+            ops.gram(tau, ranks, out);
             let own = &mut self.gram[span * self.rank * self.rank..][..self.rank * self.rank];
             for i in 0..self.head.min(self.rank) {
                 for j in 0..=i {
@@ -372,40 +372,5 @@ fn multiply_head<T: Project>(matrix: &[T], x: &[T], out: &mut [T]) {
             sum = each!(|l| x.mul_add(m[l], sum[l]));
         }
         store(out, at, sum);
-    }
-}
-
-/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of their products.
-const CHUNK: usize = 64;
-const TILE: usize = 4;
-
-/// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`], in tiles; `out` is
-/// `[padded rank][padded rank]`.
-#[inline(always)]
-fn gram<T: Project>(ops: &Operators<T>, tau: &[T], ranks: usize, out: &mut [T]) {
-    let padded = ops.padded;
-    out.fill(T::default());
-    let cells = ops.places.cells.chunks(CHUNK);
-    for (rows, cells) in ops.rows.chunks(CHUNK * padded).zip(cells) {
-        for first in (0..ranks).step_by(TILE) {
-            for second in (first / LANES * LANES..ranks).step_by(LANES) {
-                let mut sums = [[T::default(); LANES]; TILE];
-                for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
-                    let right = load(row, second);
-                    let weight = tau[cell];
-                    for (i, sum) in sums.iter_mut().enumerate() {
-                        let left = weight * row[first + i];
-                        for l in 0..LANES {
-                            sum[l] = left.mul_add(right[l], sum[l]);
-                        }
-                    }
-                }
-                for (i, sum) in sums.iter().enumerate() {
-                    let at = (first + i) * padded + second;
-                    let old = load(out, at);
-                    store(out, at, each!(|l| old[l] + sum[l]));
-                }
-            }
-        }
     }
 }

@@ -1,9 +1,15 @@
 //! Products of the basis with arrays of all frames, outside of the iteration.
 
-use super::lanes::{BLOCKS, LANES, Lane, Project, by_frames, each, load, splat, store, total};
+use super::lanes::{
+    BLOCKS, LANES, Lane, Project, by_frames, each, load, splat, store, total, vectorised,
+};
 use super::operators::Operators;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
+
+/// Number of unknowns whose rows fit the L1 cache, and rows of a tile of their products.
+const CHUNK: usize = 64;
+const TILE: usize = 4;
 
 /// Number of panels whose products are summed in a lane before conversion to `f64`.
 pub(crate) const SUMMED_PANELS: usize = 8;
@@ -29,6 +35,12 @@ impl<T: Project> Operators<T> {
     /// `[frame][padded rank]`.
     pub(crate) fn expand(&self, z: &[T], ranks: Range<usize>, add: bool, out: &mut [T]) {
         Arch::new().dispatch(Expand { ops: self, ranks, z, add, out });
+    }
+
+    /// Computes the upper triangle of `V' T V` of the first `ranks`, a multiple of [`LANES`]; `out` is
+    /// `[padded rank][padded rank]`.
+    pub(crate) fn gram(&self, tau: &[T], ranks: usize, out: &mut [T]) {
+        vectorised!(gram(self, tau, ranks, out));
     }
 }
 
@@ -123,6 +135,36 @@ impl<T: Project> Expand<'_, T> {
                     let here = (first + f) * cells + at;
                     let before = if *add { load(out, here) } else { splat(T::default()) };
                     store(out, here, each!(|l| before[l] + sum[l]));
+                }
+            }
+        }
+    }
+}
+
+/// Computes [`Operators::gram`] in tiles.
+#[inline(always)]
+fn gram<T: Project>(ops: &Operators<T>, tau: &[T], ranks: usize, out: &mut [T]) {
+    let padded = ops.padded;
+    out.fill(T::default());
+    let cells = ops.places.cells.chunks(CHUNK);
+    for (rows, cells) in ops.rows.chunks(CHUNK * padded).zip(cells) {
+        for first in (0..ranks).step_by(TILE) {
+            for second in (first / LANES * LANES..ranks).step_by(LANES) {
+                let mut sums = [[T::default(); LANES]; TILE];
+                for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
+                    let right = load(row, second);
+                    let weight = tau[cell];
+                    for (i, sum) in sums.iter_mut().enumerate() {
+                        let left = weight * row[first + i];
+                        for l in 0..LANES {
+                            sum[l] = left.mul_add(right[l], sum[l]);
+                        }
+                    }
+                }
+                for (i, sum) in sums.iter().enumerate() {
+                    let at = (first + i) * padded + second;
+                    let old = load(out, at);
+                    store(out, at, each!(|l| old[l] + sum[l]));
                 }
             }
         }

@@ -13,7 +13,7 @@ use super::record::Record;
 use super::schedule::{FLOW_STEPS, LEAN, POWER};
 use super::settings::Stop;
 use super::state::State;
-use super::step::{self, MapSize};
+use super::step;
 use super::task::Task;
 use super::travel::Travel;
 use crate::{ImageSequence, InverseError, SequenceStatus, TracePoint};
@@ -151,8 +151,8 @@ impl<'a, T: Project> Run<'a, T> {
         engine.state.duals.take(&other.duals, factor);
         let origins = engine.state.origin.iter().zip(other.images());
         engine.state.change.iter_mut().zip(origins).for_each(|(d, (o, x))| *d = x - *o);
-        let steps = MapSize { share: SHARE, floor: step::FLOOR };
-        schedule.is_mapped |= step::set_map(ops, &mut engine.state, &mut engine.map, steps);
+        let Engine { state, map, .. } = engine;
+        schedule.is_mapped |= step::set_map(ops, state, map, [SHARE, step::FLOOR]);
         engine.set_data(problem, ops)
     }
 

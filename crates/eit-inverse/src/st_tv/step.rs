@@ -36,15 +36,13 @@ fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
 
 /// Returns the squared norms of the regularised least-squares images of all frames, and of the forces
 /// of their data.
-pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
+fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
+    let singular = &problem.skin.singular;
     let (mut image, mut force) = (0.0, 0.0);
+    let mut pull = vec![0.0; singular.len()];
     for (frame, target) in problem.targets.iter().enumerate() {
-        let (mode, singular) = (problem.mode(frame), &problem.skin.singular);
-        for (k, s) in singular.iter().enumerate() {
-            // the operator of a frame without masked channels is diagonal
-            let rows = if mode.is_whole { k..k + 1 } else { 0..mode.rows };
-            let entry = |i: usize| mode.transposed[i * singular.len() + k];
-            let pull: f64 = rows.map(|i| entry(i) * target.values[i]).sum();
+        problem.mode(frame).apply_transposed(&target.values, &mut pull);
+        for (pull, s) in pull.iter().zip(singular) {
             image += (pull / (s * s + 1e-3)).powi(2);
             force += pull.powi(2);
         }
@@ -113,22 +111,13 @@ pub(crate) fn set_even<T: Project>(ops: &Operators<T>, state: &mut State<T>) {
     set_sigma(ops, state);
 }
 
-/// Size of the steps of a balanced map.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct MapSize {
-    /// Fraction of the balanced steps.
-    pub(crate) share: f64,
-    /// Smallest gradient, relative to the largest value of the image; usually [`FLOOR`].
-    pub(crate) floor: f64,
-}
-
-/// Sets balanced steps from the gradient of the images. Returns false and changes nothing if the images or the
-/// duals are zero or not finite.
+/// Sets a share of the balanced steps from the gradient of the images, with a smallest gradient relative to the
+/// largest value. Returns false and changes nothing if the images or the duals are zero or not finite.
 pub(crate) fn set_map<T: Project>(
     ops: &Operators<T>,
     state: &mut State<T>,
     scratch: &mut MapScratch<T>,
-    steps: MapSize,
+    [share, floor]: [f64; 2],
 ) -> bool {
     let size = state.size();
     if !(size > 0.0 && size.is_finite()) {
@@ -138,13 +127,13 @@ pub(crate) fn set_map<T: Project>(
     scratch.clear();
     scratch.take(state.images());
     scratch.raise_to_gradient(ops, state.frames);
-    scratch.set_tau(state, ops, size, steps.floor, 1.0);
+    scratch.set_tau(state, ops, size, floor, 1.0);
     let split = std::mem::replace(&mut state.split, [1.0; 3]);
     set_sigma(ops, state);
     let factor = balance(ops, state);
     match factor {
         Some(factor) => {
-            let factor = T::from_f64(steps.share * factor);
+            let factor = T::from_f64(share * factor);
             state.tau.iter_mut().for_each(|tau| *tau = factor * *tau);
         }
         None => {

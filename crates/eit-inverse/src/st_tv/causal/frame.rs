@@ -8,16 +8,13 @@ use super::super::lanes::Project;
 use super::super::operators::Operators;
 use super::super::problem::{Anchor, Problem};
 use super::super::record::Record;
-use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, SINGLE_PRECISION_GAP, SMOOTHING};
+use super::super::schedule::{CLOCK, FLOW_STEPS, LEAN, SMOOTHING};
 use super::super::state::State;
 use super::super::step::{self, FLOOR};
 use super::proof::Proof;
-use super::settings::CausalSettings;
 use crate::{InverseError, SequenceStatus};
 use std::time::Instant;
 
-/// Number of frames of a steady stream between two step maps.
-const MAP_EVERY: usize = 4;
 /// Target gaps below this sum the data term of a candidate in `f64`: the bound on the rounding error of `f32` is small
 /// compared with larger gaps.
 const LEAST_ROUNDED_GAP: f64 = 3e-3;
@@ -28,7 +25,7 @@ const RHO: f64 = 1.8;
 const STEP: f64 = 0.057;
 /// Factor on the step with bounds, whose duals need large changes: at 32 x 32 a third takes 76 iterations, 1 takes 98,
 /// a tenth 117. Factor on it per evaluation of a slow frame, and smallest one.
-const BOUNDED_STEP: f64 = 0.3;
+pub(super) const BOUNDED_STEP: f64 = 0.3;
 const STEP_FALL: f64 = 0.8;
 const LEAST_STEP: f64 = 0.05;
 /// Ridge parameter of the linear image of an innovation, for a largest singular value of 1; it only affects steps.
@@ -42,8 +39,6 @@ const FORGET: f64 = 0.9;
 /// Smallest change of an unknown, relative to the target gap and the scale of the image. Smaller changes
 /// are set to zero, larger ones are reduced by it.
 const THRESHOLD: f64 = 0.01;
-/// An innovation larger than usual by this factor is an event, for which a new map is computed.
-const EVENT: f64 = 1.5;
 /// Minimum number of iterations before the first evaluation.
 const FIRST: usize = 20;
 /// Iterations of a slow frame. From about here on evaluations are farther apart, each followed by a new
@@ -51,8 +46,6 @@ const FIRST: usize = 20;
 const SLOW: usize = 50;
 /// Iterations after which the smoothing may keep the gap open; it is halved at each evaluation.
 const STUCK: usize = 120;
-/// Number of `f32` iterations after which a frame continues in `f64`.
-const GIVE_UP: usize = 400;
 /// Bounds of frames that are not linked: changes of the data dual, slack relative to the target gap, steps of a bound
 /// that keeps the data dual, and iterations between them as a share of all, because they cost as many as 25.
 const ROUNDS: usize = 6;
@@ -64,24 +57,24 @@ const SMALLEST: f64 = 1e-7;
 
 /// Limits of the iteration.
 #[derive(Debug, Clone, Copy)]
-struct Limits {
-    iterations: usize,
-    start: Instant,
+pub(super) struct Limits {
+    pub(super) iterations: usize,
+    pub(super) start: Instant,
     /// Seconds after `start`.
-    deadline: f64,
+    pub(super) deadline: f64,
     /// Iterations after which the frame continues in `f64`.
-    give_up: usize,
+    pub(super) give_up: usize,
     /// Iterations before the first evaluation.
-    first_look: usize,
+    pub(super) first_look: usize,
 }
 
 /// Scale of the images, the largest value of anchor and innovation, and the factor on the step and smoothing.
 #[derive(Debug, Clone, Copy, Default)]
-struct Scale {
-    image: f64,
-    shown: f64,
-    step: f64,
-    smoothing: f64,
+pub(super) struct Scale {
+    pub(super) image: f64,
+    pub(super) shown: f64,
+    pub(super) step: f64,
+    pub(super) smoothing: f64,
 }
 
 impl Scale {
@@ -98,143 +91,13 @@ impl Scale {
     }
 }
 
-/// Engines in both floating-point types, the result of a frame, and what it keeps for the next.
-#[derive(Debug, Clone)]
-pub(super) struct Frames {
-    single: Engine<f32>,
-    double: Engine<f64>,
-    pub(super) record: Record,
-    pub(super) proof: Proof,
-    scale: Scale,
-    /// Running mean of the innovation, iterations of the last two frames, frames since the last map, and in all.
-    usual: f64,
-    recent: [usize; 2],
-    map_age: usize,
-    count: usize,
-}
-
-impl Frames {
-    pub(super) fn new(problem: &Problem<'_>, single: &Operators<f32>) -> Self {
-        Self {
-            single: Engine::new(problem, single, 1),
-            double: Engine::new(problem, &problem.skin.operators, 1),
-            record: Record::new(problem),
-            proof: Proof::new(problem),
-            scale: Scale::default(),
-            usual: 0.0,
-            recent: [0; 2],
-            map_age: MAP_EVERY,
-            count: 0,
-        }
-    }
-
-    /// Asks for a new step map.
-    pub(super) fn renew_map(&mut self) {
-        self.map_age = MAP_EVERY;
-    }
-
-    /// Discards the result of the last frame.
-    pub(super) fn clear_result(&mut self) {
-        self.record.clear();
-        self.proof.clear();
-    }
-
-    /// Sets the duals to zero.
-    pub(super) fn clear(&mut self) {
-        self.single.state.clear();
-        self.double.state.clear();
-    }
-
-    /// Changes the unit of the data to a larger one.
-    pub(super) fn grow(&mut self, factor: f64, is_penalised: bool) {
-        self.scale.image /= factor;
-        if is_penalised {
-            self.single.state.duals.scale(1.0 / factor);
-            self.double.state.duals.scale(1.0 / factor);
-        }
-    }
-
-    /// Solves a frame.
-    pub(super) fn solve(
-        &mut self,
-        problem: &Problem<'_>,
-        ops: &Operators<f32>,
-        settings: &CausalSettings,
-        start: Instant,
-    ) -> Result<SequenceStatus, InverseError> {
-        self.count += 1;
-        self.map_age += 1;
-        let rows = problem.modes[0].rows;
-        let size = problem.beta(0)[..rows].iter().map(|b| b * b).sum::<f64>().sqrt();
-        let is_event = size > EVENT * self.usual || self.count <= 2;
-        let is_stale = self.map_age > MAP_EVERY || is_event;
-        let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
-        self.usual = if self.count <= 2 { size } else { self.usual + step };
-        self.clear_result();
-        let Self { single, double, record, proof, scale, .. } = self;
-        scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
-        scale.smoothing = SMOOTHING * problem.target_gap * scale.image;
-        let mut limits = Limits {
-            iterations: settings.max_iterations,
-            start,
-            deadline: settings.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64()),
-            give_up: GIVE_UP,
-            first_look: self.recent[0].min(self.recent[1]).saturating_sub(4),
-        };
-        // the previous image is a candidate, often the best one without motion
-        record.candidate.change.fill(0.0);
-        record.candidate.evaluate::<f32>(problem, None);
-        record.take();
-        let is_nothing = is_nothing(problem, record);
-        if is_nothing || record.primal == 0.0 {
-            record.lower_bound = 0.0;
-            let proven = SequenceStatus::Converged;
-            return Ok(if is_nothing { SequenceStatus::Stalled } else { proven });
-        }
-        let is_single = problem.target_gap >= SINGLE_PRECISION_GAP;
-        let mut status = None;
-        if is_single {
-            let own = *scale;
-            let mut frame = Frame { problem, ops, engine: single, scale: own, record, proof };
-            frame.begin();
-            if is_stale {
-                frame.set_first_map()?;
-                *scale = frame.scale;
-                self.map_age = 1;
-            }
-            status = frame.run(&limits)?;
-        }
-        if status.is_none() {
-            limits.give_up = usize::MAX;
-            let (own, ops) = (*scale, &problem.skin.operators);
-            let mut frame = Frame { problem, ops, engine: double, scale: own, record, proof };
-            frame.begin();
-            if is_single {
-                frame.engine.state.take_iterate(&single.state);
-            }
-            frame.set_first_map()?;
-            if !is_single {
-                scale.image = frame.scale.image;
-            }
-            status = frame.run(&limits)?;
-            if is_single {
-                single.state.duals.take(&double.state.duals, 1.0);
-                // the map in the other type belongs to an earlier iterate
-                self.map_age = MAP_EVERY;
-            }
-        }
-        self.recent = [self.recent[1], self.record.iterations];
-        Ok(status.unwrap_or(SequenceStatus::IterationCap))
-    }
-}
-
 /// Evaluates the zero image as a candidate, for a constrained frame that allows it.
 ///
 /// For a skin at rest it is the optimum, which an iteration would only approach. If the best objective so far is zero up
 /// to rounding, the zero image is taken in any case, and the function returns true.
-fn is_nothing(problem: &Problem<'_>, record: &mut Record) -> bool {
+pub(super) fn is_nothing(problem: &Problem<'_>, record: &mut Record) -> bool {
     let is_allowed = problem.bounds.is_none_or(|[lower, upper]| lower <= 0.0 && upper >= 0.0);
-    let square = problem.targets[0].values.iter().map(|t| t * t).sum::<f64>();
+    let square = problem.targets[0].square();
     let Some(anchor) = problem.anchor.filter(|_| is_allowed) else { return false };
     if problem.ball(0).is_none_or(|ball| square > ball) {
         return false;
@@ -251,18 +114,18 @@ fn is_nothing(problem: &Problem<'_>, record: &mut Record) -> bool {
 }
 
 /// A frame in one floating-point type.
-struct Frame<'a, T: Project> {
-    problem: &'a Problem<'a>,
-    ops: &'a Operators<T>,
-    engine: &'a mut Engine<T>,
-    scale: Scale,
-    record: &'a mut Record,
-    proof: &'a mut Proof,
+pub(super) struct Frame<'a, T: Project> {
+    pub(super) problem: &'a Problem<'a>,
+    pub(super) ops: &'a Operators<T>,
+    pub(super) engine: &'a mut Engine<T>,
+    pub(super) scale: Scale,
+    pub(super) record: &'a mut Record,
+    pub(super) proof: &'a mut Proof,
 }
 
 impl<T: Project> Frame<'_, T> {
     /// Starts with zero change and the previous duals.
-    fn begin(&mut self) {
+    pub(super) fn begin(&mut self) {
         let Self { problem, ops, engine, .. } = self;
         let Some(Anchor { image, beta, .. }) = problem.anchor else { return };
         engine.state.set_origin(ops, image, problem.bounds);
@@ -273,7 +136,7 @@ impl<T: Project> Frame<'_, T> {
 
     /// Computes a new map at the start of a frame. Sets the scale of the image, which falls at most by the factor
     /// [`FORGET`], unless the objective limits it further.
-    fn set_first_map(&mut self) -> Result<(), InverseError> {
+    pub(super) fn set_first_map(&mut self) -> Result<(), InverseError> {
         self.innovation();
         let Self { problem, ops, engine, scale, .. } = self;
         let Engine { state, map, .. } = &mut **engine;
@@ -315,7 +178,7 @@ impl<T: Project> Frame<'_, T> {
     }
 
     /// Alternates rounds of iterations and evaluations; returns `None` if the gap cannot be proven in this type.
-    fn run(&mut self, limits: &Limits) -> Result<Option<SequenceStatus>, InverseError> {
+    pub(super) fn run(&mut self, limits: &Limits) -> Result<Option<SequenceStatus>, InverseError> {
         let problem = self.problem;
         let mut until = limits.first_look.clamp(FIRST, SLOW).max(self.record.iterations + FIRST);
         let seconds = || limits.start.elapsed().as_secs_f64();

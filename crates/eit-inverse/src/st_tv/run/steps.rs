@@ -4,7 +4,7 @@ use super::super::engine::Engine;
 use super::super::iterate::Pace;
 use super::super::lanes::Project;
 use super::super::schedule::{CLOCK, SMOOTHING};
-use super::super::step::{self, MapSize};
+use super::super::step;
 use super::super::travel::Travel;
 use super::{Limits, Run};
 use crate::InverseError;
@@ -82,12 +82,9 @@ impl<T: Project> Run<'_, T> {
         }
         let later = MAP_AT.iter().find(|&&at| at > done);
         self.schedule.next_map = later.map_or((done as f64 * MAP_GROWTH) as usize, |&at| at);
-        let steps = MapSize {
-            share: SHARE * self.schedule.boost,
-            floor: step::FLOOR * (done as f64 / FLAT_FROM).max(1.0),
-        };
+        let floor = step::FLOOR * (done as f64 / FLAT_FROM).max(1.0);
         let Engine { state, map, .. } = &mut self.engine;
-        if !step::set_map(self.ops, state, map, steps) {
+        if !step::set_map(self.ops, state, map, [SHARE * self.schedule.boost, floor]) {
             return Ok(());
         }
         self.schedule.is_mapped = true;
