@@ -97,10 +97,15 @@ impl StTv {
         self.compression.measurements
     }
 
-    /// Returns the number of used, unmasked channels of a frame.
-    pub(crate) fn good_channels(&self, frames: &DifferenceFrames<'_>, frame: usize) -> usize {
-        let used = self.compression.root_weights.iter().enumerate();
-        used.filter(|&(i, w)| *w > 0.0 && frames.is_good(frame, i)).count()
+    /// Returns the whitened values of the used, unmasked channels of a frame.
+    pub(crate) fn whitened(
+        &self,
+        frames: &DifferenceFrames<'_>,
+        frame: usize,
+    ) -> impl Iterator<Item = f64> {
+        let weights = self.compression.root_weights.iter().enumerate();
+        let good = weights.filter(move |&(i, w)| *w > 0.0 && frames.is_good(frame, i));
+        good.map(move |(i, w)| w * frames.values[(frame, i)])
     }
 
     /// Returns the settings in use.

@@ -16,13 +16,8 @@ impl StTv {
         frames.check(self.measurements())?;
         let noise = self.settings.noise_std.is_some();
         let quiet = |frame: usize| {
-            let (mut square, mut good) = (0.0, 0.0);
-            for (i, w) in self.compression.root_weights.iter().enumerate() {
-                if *w > 0.0 && frames.is_good(frame, i) {
-                    square += (w * frames.values[(frame, i)]).powi(2);
-                    good += 1.0;
-                }
-            }
+            let square: f64 = self.whitened(frames, frame).map(|v| v.powi(2)).sum();
+            let good = self.whitened(frames, frame).count() as f64;
             noise && square <= quiet_threshold(good)
         };
         Ok((0..frames.values.nrows()).map(quiet).collect())

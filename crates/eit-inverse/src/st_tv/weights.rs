@@ -165,11 +165,7 @@ impl StTv {
     /// Returns the consecutive frames with the strongest signal.
     fn sample(&self, frames: &DifferenceFrames<'_>) -> std::ops::Range<usize> {
         let count = frames.values.nrows();
-        let power = |frame: usize| -> f64 {
-            let weights = self.compression.root_weights.iter().enumerate();
-            let used = weights.filter(|&(i, w)| *w > 0.0 && frames.is_good(frame, i));
-            used.map(|(i, w)| (w * frames.values[(frame, i)]).powi(2)).sum()
-        };
+        let power = |frame: usize| self.whitened(frames, frame).map(|v| v.powi(2)).sum();
         let powers: Vec<f64> = (0..count).map(power).collect();
         let length = SAMPLE.min(count);
         let sum = |first: usize| powers[first..first + length].iter().sum::<f64>();
@@ -325,7 +321,7 @@ impl Trial<'_> {
             run.finish(status.unwrap_or(SequenceStatus::IterationCap))
         };
         let good = (0..self.sample.values.nrows())
-            .map(|f| self.solver.good_channels(&self.sample, f))
+            .map(|f| self.solver.whitened(&self.sample, f).count())
             .sum::<usize>();
         let square: f64 = sequence.report.residual.iter().map(|r| r * r).sum();
         let residual_norm = (square / good.max(1) as f64).sqrt();

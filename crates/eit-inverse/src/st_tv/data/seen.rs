@@ -219,10 +219,9 @@ impl Seen {
             *turned = whitened[i] / one;
         }
         let turned = &mut rest[..self.count];
-        let reflections = self.reflections.chunks_exact(self.count.max(1));
-        for (k, (reflection, factor)) in reflections.zip(&self.factors).enumerate().take(self.rows)
-        {
-            reflect(&reflection[k..], *factor, &mut turned[k..]);
+        for k in 0..self.rows {
+            let reflection = &self.reflections[k * self.count..][..self.count];
+            reflect(&reflection[k..], self.factors[k], &mut turned[k..]);
         }
         values.fill(0.0);
         values[..self.rows].copy_from_slice(&turned[..self.rows]);
@@ -251,9 +250,8 @@ impl Seen {
         }
         let mut turned: Vec<f64> = target.rest[..self.count].iter().map(|r| share * r).collect();
         turned[..self.rows].copy_from_slice(&dual[..self.rows]);
-        let reflections = self.reflections.chunks_exact(self.count.max(1));
-        let known: Vec<(usize, &[f64])> = reflections.enumerate().take(self.rows).collect();
-        for (k, reflection) in known.into_iter().rev() {
+        for k in (0..self.rows).rev() {
+            let reflection = &self.reflections[k * self.count..][..self.count];
             reflect(&reflection[k..], self.factors[k], &mut turned[k..]);
         }
         for (value, &i) in turned.iter().zip(&self.channels) {
