@@ -49,17 +49,22 @@ impl<T: Project> Duals<T> {
         [first, second, &mut self.links, &mut self.held]
     }
 
-    /// Computes `D' q + p + other + D_t' q_t` on a block of cells of a frame.
+    /// Returns `q` of a frame.
+    #[inline(always)]
+    pub(crate) fn flow_of(&self, frame: usize) -> [&[T]; 2] {
+        let own = frame * self.groups..(frame + 1) * self.groups;
+        [&self.flow[0][own.clone()], &self.flow[1][own]]
+    }
+
+    /// Computes `D' q + p + other + D_t' q_t` on a block of cells of a frame, whose first is `here`.
     #[inline(always)]
     pub(crate) fn pull<D: Differences<T>>(
         &self,
         differences: &D,
-        frame: usize,
-        (block, at): (usize, usize),
+        q: [&[T]; 2],
+        (block, at, here): (usize, usize, usize),
         other: Lane<T>,
     ) -> Lane<T> {
-        let (here, own) = (frame * self.cells + at, frame * self.groups..(frame + 1) * self.groups);
-        let q = [&self.flow[0][own.clone()], &self.flow[1][own]];
         let mut pull = differences.adjoint(q, block, at);
         if !self.held.is_empty() {
             let p = load(&self.held, here);

@@ -186,13 +186,13 @@ impl<T: Project> Flow<T> {
         shift: Option<f64>,
     ) {
         let Self { how, force, error, ahead, image, anchor, .. } = self;
-        let base = frame * ops.cells();
+        let (base, q) = (frame * ops.cells(), ahead.flow_of(frame));
         let (mu, held) = (T::from_f64(how.mu), T::from_f64(how.lambda_anchor));
         let [lower, upper] = how.bounds.unwrap_or_default().map(T::from_f64);
         let zero = T::default();
         for (block, &at) in ops.places.blocks.iter().enumerate() {
             let here = base + at;
-            let mut e = ahead.pull(differences, frame, (block, at), load(force, here));
+            let mut e = ahead.pull(differences, q, (block, at, here), load(force, here));
             let Some(shift) = shift else {
                 store(error, here, e);
                 continue;

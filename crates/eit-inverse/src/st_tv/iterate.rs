@@ -206,10 +206,12 @@ impl<T: Project, D: Differences<T>> Iterate<'_, T, D> {
             for (f, w) in w.iter_mut().enumerate() {
                 let frame = first + f;
                 let (base, span) = (frame * cells, frame / SPAN * cells);
+                let q = duals.flow_of(frame);
                 for (j, (w, &at)) in w.iter_mut().zip(blocks).enumerate() {
                     let zero = splat(T::default());
                     let tail = if has_tail { load(tail, base + at) } else { zero };
-                    let pull = duals.pull(*differences, frame, (BLOCKS * panel + j, at), tail);
+                    let block = (BLOCKS * panel + j, at, base + at);
+                    let pull = duals.pull(*differences, q, block, tail);
                     let (d, tau) = (load(change, base + at), load(tau, span + at));
                     *w = each!(|l| d[l] - tau[l] * pull[l]);
                     store(work, base + at, *w);

@@ -268,8 +268,10 @@ impl Repair {
     #[inline(always)]
     fn add_forces<D: Differences<f64>>(&mut self, ops: &Operators<f64>, differences: &D) {
         for (frame, error) in self.error.chunks_exact_mut(ops.cells()).enumerate() {
+            let q = self.duals.flow_of(frame);
             for (block, &at) in ops.places.blocks.iter().enumerate() {
-                let e = self.duals.pull(differences, frame, (block, at), load(error, at));
+                let place = (block, at, frame * ops.cells() + at);
+                let e = self.duals.pull(differences, q, place, load(error, at));
                 store(error, at, e);
             }
         }
