@@ -13,9 +13,9 @@ use eit_hw::capture::{
     Recovered, SameSetUp, SessionRecord, recover,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
+use eit_skin::recording::{session_of, times_of};
 use eit_skin::scene::Scene;
 use eit_skin::text::counted;
-use eit_skin::touches::DEFAULT_RATE_HZ;
 use serde_json::json;
 use std::cell::OnceCell;
 use std::io::Write;
@@ -258,16 +258,12 @@ impl Source {
         if let (Some(layout), Some(protocol)) = (&layout, protocol) {
             table = table.arranged_for(layout, protocol.quadruples(), protocol.measurements());
         }
-        let quadruples = match (protocol, &table.layout) {
-            (None, Layout::Quadruples(quadruples)) => quadruples.clone(),
-            (None, Layout::Potentials { .. }) => {
-                return Err(ReportError::input(format!(
-                    "{}: contains electrode potentials: give --scene, whose protocol defines the differences",
-                    settings.input.display()
-                )));
-            }
-            _ => Vec::new(),
-        };
+        if let (None, Layout::Potentials { .. }) = (protocol, &table.layout) {
+            return Err(ReportError::input(format!(
+                "{}: contains electrode potentials: give --scene, whose protocol defines the differences",
+                settings.input.display()
+            )));
+        }
         if let (Some(scene), Some(protocol), Layout::ProtocolOrder) =
             (scene, protocol, &table.layout)
             && table.value_count() == protocol.measurements()
@@ -289,16 +285,7 @@ impl Source {
         if self.cut > 0 {
             self.notes.push(table.skipped.to_string());
         }
-        let session = SessionRecord {
-            driver: "file".into(),
-            instrument: table.format.to_string(),
-            unit: table.unit.into(),
-            quadruples,
-            current_a: table.current_a,
-            frequency_hz: table.frequency_hz,
-            recorder: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
-            ..SessionRecord::default()
-        };
+        let session = session_of(&table);
         self.stored = Some((table, session));
         Ok(())
     }
@@ -319,22 +306,12 @@ impl Source {
             same.check(reader.damage())?;
             return Ok(reader.damage());
         };
-        take(self.converted(Entry::Session(session.clone()), &same)?, Some(self.times(None)))?;
+        take(self.converted(Entry::Session(session.clone()), &same)?, Some(MessageTimes::at(0)))?;
         for frame in table.frames() {
-            let times = self.times(Some(&frame));
+            let times = times_of(&frame, self.rate_hz);
             take(self.converted(Entry::Frame(frame), &same)?, Some(times))?;
         }
         Ok(Damage::default())
-    }
-
-    /// When a frame of a table was measured, by its clock or the rate, else 20 a second, from 1970 on: a table states no date.
-    fn times(&self, frame: Option<&Frame>) -> MessageTimes {
-        let rate_hz = self.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-        let by_rate = |frame: &Frame| frame.sequence as f64 / rate_hz;
-        let time_s =
-            frame.map_or(0.0, |frame| frame.device_time_s.unwrap_or_else(|| by_rate(frame)));
-        let ns = (1e9 * time_s).round() as u64;
-        MessageTimes::at(ns)
     }
 
     /// A message for the scene's protocol, after those that `same` has seen.

@@ -12,29 +12,21 @@ use crate::error::ReportError;
 use crate::output::{OutFolder, io, write_npy};
 use crate::settings::ReconstructSettings;
 use eit_fem::{SolvePath, SolveReport};
-use eit_mesh::Raster;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
-use eit_skin::WithoutMovement;
-use eit_skin::denoise::{Check, Net};
-use eit_skin::method::{self, Method};
+use eit_skin::denoise::Net;
+use eit_skin::method;
 use eit_skin::scene::{DifferenceKind, Reference};
-use eit_skin::{
-    FittedFrames, MeshOverride, Progress, Scene, Skin, check_images, check_pixel_jacobian,
-};
-use ndarray::{Array3, ArrayView3};
+use eit_skin::{FittedFrames, ImageSolver, MeshOverride, Progress, Reconstruction, Scene, Skin};
+use ndarray::ArrayView3;
 use serde_json::{Value, json};
-use std::sync::Arc;
 
 /// Frames per second of a movie whose rate is unknown.
 const MOVIE_RATE_HZ: f64 = 10.0;
 /// Least colour range of frames without touch, in conductivity changes of the faintest one: noise stays pale.
 const RANGE_IN_LEVELS: f64 = 2.0;
 
-/// Result of a method.
+/// What a method says about its images.
 struct Made {
-    /// Siemens, [frame, row, column], NaN outside the skin.
-    images: Array3<f64>,
-    raster: Raster,
     /// Footnote of the pictures.
     footnote: String,
     /// Plot of the choice of hyperparameter or weights, if there was one.
@@ -47,25 +39,8 @@ struct Made {
     notes: Vec<String>,
 }
 
-/// The input of a method.
-#[derive(Clone, Copy)]
-struct Task<'a> {
-    fitted: &'a FittedFrames,
-    method: Method,
-    /// If electrode movement was removed: the original recording and the result.
-    before: Option<Before<'a>>,
-}
-
-/// A recording before and after removing electrode movement.
-#[derive(Clone, Copy)]
-struct Before<'a> {
-    fitted: &'a FittedFrames,
-    without: &'a WithoutMovement,
-}
-
-/// The reason for the choice of method, and notes for the user.
+/// Notes for the user.
 struct Remarks {
-    why: &'static str,
     notes: Vec<String>,
     /// Number of notes, from the first, that were shown during the work; the text does not repeat them.
     shown: usize,
@@ -94,88 +69,60 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let reference = args.reference.clone().map(Reference::Text);
     let frames =
         progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
-    check_images(frames.values.nrows(), skin.pixels())?;
-    let count = Some(frames.values.nrows());
-    let linearised = skin.linearise(progress)?.in_frame_time(count, false)?;
-    let settings = &linearised.skin.settings;
-    let choice = method::choose(settings, args.method.as_deref(), count)?;
-    if matches!(choice.method, Method::StTv | Method::Tv) {
-        check_pixel_jacobian(frames.values.ncols(), linearised.skin.pixels())?;
+    let mut done = skin.reconstruct(frames, args.method.as_deref(), progress)?;
+    let mut made = make(&done)?;
+    if done.net.is_some() {
+        out.write("raw.npy", |w| write_npy(&done.images.values, w))?;
+        denoise(&mut done, &mut made, progress)?;
     }
-    let net = skin.net()?;
-    let mut fitted = Arc::new(linearised).fit(frames)?;
-    let is_shown = !fitted.fit.is_alike();
-    if is_shown {
-        // before work that may be for nothing, and is long where the model cannot explain the frames
-        fitted.frames.notes.iter().for_each(|note| progress.note(note));
-    }
-    let found = eit_skin::touches::touches(&fitted, progress)?;
-    if let Some(found) = &found {
-        // images do not use faulty electrodes
-        found.leave_out(&mut fitted.frames);
-    }
-    let task = Task { fitted: &fitted, method: choice.method, before: None };
-    let (mut made, without) = make(&task, progress)?;
-    if let Some(net) = &net {
-        out.write("raw.npy", |w| write_npy(&made.images, w))?;
-        // an image is compared with the data that it was made from
-        let of_images = without.as_ref().map_or(&fitted, |without| &without.fitted);
-        let check = Check::new(of_images);
-        let check = match &found {
-            Some(found) => check.with_touches(found),
-            None => check,
-        };
-        denoise(net, &check, &mut made, progress)?;
-    }
-    let FittedFrames { skin: linearised, frames, .. } = &fitted;
+    let FittedFrames { skin: linearised, frames, fit, .. } = &done.fitted;
+    let (found, raster) = (done.touches.as_ref(), &done.images.raster);
     // those of the mesh were shown when it was built
     let mut notes: Vec<String> =
         linearised.skin.notes.iter().map(|note| format!("mesh: {note}")).collect();
     let of_frames = notes.len();
     notes.extend(frames.notes.iter().cloned());
-    let shown = if is_shown { notes.len() } else { of_frames };
-    notes.extend(found.as_ref().and_then(|_| frames.rate_note()));
+    let shown = if fit.is_alike() { of_frames } else { notes.len() };
+    notes.extend(found.and_then(|_| frames.rate_note()));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 
-    out.write("images.npy", |w| write_npy(&made.images, w))?;
-    let drawing = SkinDrawing::from_raster(&linearised.skin.mesh, &made.raster);
+    out.write("images.npy", |w| write_npy(&done.images.values, w))?;
+    let drawing = SkinDrawing::from_raster(&linearised.skin.mesh, raster);
     let mut settings =
         picture_settings(&linearised.skin.name, made.footnote.clone(), frames.rate_hz);
-    if let Some(found) = &found {
-        let first = linearised.skin.settings.recording.first_frame.unwrap_or(0);
-        out.write("touches.csv", |w| touches::write_csv(found, first, w))?;
+    if let Some(found) = found {
+        out.write("touches.csv", |w| touches::write_csv(found, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
-    let images = made.images.view();
-    let untouched = found.as_ref().filter(|found| found.count() == 0);
+    let images = done.images.values.view();
+    let untouched = found.filter(|found| found.count() == 0);
     let least_s = untouched.map_or(0.0, |found| RANGE_IN_LEVELS * found.level_s);
     write_pictures(&mut out, images, &drawing, &settings, (frames.rate_hz, least_s), progress)?;
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let remarks = Remarks { why: choice.why, notes, shown };
-    let mut report = report(&task, &made, &remarks, progress);
-    report["touches"] = touches::touches_json(found.as_ref());
+    let remarks = Remarks { notes, shown };
+    let mut report = report(&done, &made, &remarks, progress);
+    report["touches"] = touches::touches_json(found);
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let line = touches::line(found.as_ref());
-    let text = format!("{line}\n{}", text(&task, &made, &remarks, &out));
+    let line = touches::line(found);
+    let text = format!("{line}\n{}", text(&done, &made, &remarks, &out));
     out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
     Ok(Answer { text, json })
 }
 
 /// Applies the network to the images; those that do not explain their measurements stay raw.
 fn denoise(
-    net: &Net,
-    check: &Check,
+    done: &mut Reconstruction,
     made: &mut Made,
     progress: &mut Progress,
 ) -> Result<(), ReportError> {
-    let checked = net.apply(&mut made.images, &made.raster, Some(check), progress)?;
+    let checked = done.denoise(progress)?;
     made.footnote += ", U-net";
-    made.lines.push(net.description());
-    made.report["denoise"] = net.json();
+    made.lines.extend(done.net.as_ref().map(Net::description));
+    made.report["denoise"] = json!(done.net.as_ref().map(Net::json));
     match checked {
         Some(checked) => {
             made.lines.push(checked.description());
@@ -190,36 +137,22 @@ fn denoise(
     Ok(())
 }
 
-/// Reconstructs images with the task's method. If the scene says that electrodes move, the effect
-/// of movement is first removed from the data, which are returned as well.
-fn make(
-    task: &Task<'_>,
-    progress: &mut Progress,
-) -> Result<(Made, Option<WithoutMovement>), ReportError> {
-    let of_method = |task: &Task<'_>, progress: &mut Progress| match task.method {
-        Method::StTv | Method::Tv => total_variation::make(task, progress),
-        _ => gauss_newton::make(task, progress),
+/// Describes how the images were made.
+fn make(done: &Reconstruction) -> Result<Made, ReportError> {
+    let mut made = match &done.images.solver {
+        ImageSolver::TotalVariation(movie) => total_variation::make(done, movie)?,
+        ImageSolver::GaussNewton { imaging, sequence } => {
+            gauss_newton::make(done, imaging, sequence.as_ref())?
+        }
     };
-    let fitted = task.fitted;
-    let Some(without) = fitted.without_movement(task.method, progress)? else {
-        return Ok((of_method(task, progress)?, None));
-    };
-    let before = Some(Before { fitted, without: &without });
-    let left = Task { fitted: &without.fitted, before, ..*task };
-    let mut made = of_method(&left, progress)?;
-    made.footnote += ", electrode movement removed";
-    made.lines.push(without.line.clone());
-    made.notes.extend(without.note.clone());
-    let movement_m = fitted.skin.skin.settings.reconstruction.electrode_movement_m;
-    made.report["electrode_movement_m"] = json!(movement_m);
-    Ok((made, Some(without)))
-}
-
-impl Task<'_> {
-    /// Plain or normalised difference data, as in the original recording.
-    fn kind(&self) -> DifferenceKind {
-        self.before.map_or(self.fitted, |before| before.fitted).skin.difference_kind()
+    if let Some(without) = &done.images.without {
+        made.footnote += ", electrode movement removed";
+        made.lines.push(without.line.clone());
+        made.notes.extend(without.note.clone());
+        let movement_m = done.fitted.skin.skin.settings.reconstruction.electrode_movement_m;
+        made.report["electrode_movement_m"] = json!(movement_m);
     }
+    Ok(made)
 }
 
 /// Returns picture settings with title, footnote and labels.
@@ -289,17 +222,17 @@ pub(crate) fn write_pictures(
 }
 
 fn report(
-    task: &Task<'_>,
+    done: &Reconstruction,
     made: &Made,
-    Remarks { why, notes, .. }: &Remarks,
+    Remarks { notes, .. }: &Remarks,
     progress: &Progress,
 ) -> Value {
-    let FittedFrames { skin: linearised, frames, fit, .. } = task.fitted;
+    let FittedFrames { skin: linearised, frames, fit, .. } = &done.fitted;
     let skin = &linearised.skin;
     let mut report = json!({
         "scene": skin.name,
-        "method": task.method.name(),
-        "method_because": why,
+        "method": done.choice.method.name(),
+        "method_because": done.choice.why,
         "frames": frames.values.nrows(),
         "measurements": skin.protocol.measurements(),
         "measurements_used": frames.used.iter().filter(|used| **used).count(),
@@ -313,8 +246,8 @@ fn report(
         },
         "solve": solve_json(&linearised.report),
         "difference": kind_text(linearised.difference_kind()),
-        "pixels": made.raster.pixels(),
-        "extent_m": made.raster.extent_m(),
+        "pixels": done.images.raster.pixels(),
+        "extent_m": done.images.raster.extent_m(),
         "unit": "S",
         "notes": notes,
         "stages": progress.times(),
@@ -341,9 +274,9 @@ fn with_files(mut report: Value, out: &OutFolder) -> Value {
     report
 }
 
-fn text(task: &Task<'_>, made: &Made, remarks: &Remarks, out: &OutFolder) -> String {
-    let Remarks { why, notes, shown } = remarks;
-    let FittedFrames { frames, fit, .. } = task.fitted;
+fn text(done: &Reconstruction, made: &Made, remarks: &Remarks, out: &OutFolder) -> String {
+    let Remarks { notes, shown } = remarks;
+    let FittedFrames { frames, fit, .. } = &done.fitted;
     let count = frames.values.nrows();
     let mut lines = vec![format!(
         "{count} frame{} of {} measurements against {}",
@@ -358,7 +291,7 @@ fn text(task: &Task<'_>, made: &Made, remarks: &Remarks, out: &OutFolder) -> Str
         "homogeneous model explains the reference with correlation {:.4}, gain {:.3}",
         fit.correlation, fit.gain
     ));
-    lines.push(format!("method {} ({why})", task.method.name()));
+    lines.push(format!("method {} ({})", done.choice.method.name(), done.choice.why));
     lines.extend(made.lines.iter().cloned());
     lines.extend(notes.iter().skip(*shown).map(|n| format!("note: {n}")));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));

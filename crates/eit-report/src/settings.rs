@@ -47,19 +47,11 @@ pub struct ReportSettings {
 
 /// Settings of a simulation on the fabric.
 #[derive(Debug, Clone)]
-pub struct SimulateSettings {
+pub struct SimulationFiles {
     /// Scene file or name of a built-in scene.
     pub scene: String,
-    /// Name of a built-in touch script, or a file.
-    pub script: String,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Number of frames of the script to simulate; `None` for all.
-    pub frames: Option<usize>,
-    /// Nodes of the simulation mesh.
-    pub nodes: Option<usize>,
-    /// Number of threads; `None` for all. The result does not depend on it.
-    pub threads: Option<usize>,
+    /// What to simulate.
+    pub simulation: eit_skin::simulate::SimulateSettings,
     /// Output folder, or a file for the frames alone.
     pub out: PathBuf,
 }

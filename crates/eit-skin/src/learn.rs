@@ -36,7 +36,7 @@ mod touches;
 pub use curve::{CurvePoint, learning_curve};
 pub use learning::{Learning, UnlikePress};
 pub(crate) use local_sheet::LocalSheet;
-pub use presses::PressFrames;
+pub use presses::{PressFrames, RecordedPresses};
 pub use table::{Press, PressTable};
 use touched::interval_s;
 pub(crate) use touches::{LearnedTouches, ModelForces, Quiet};

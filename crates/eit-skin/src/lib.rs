@@ -39,8 +39,13 @@ mod press_watch;
 mod progress;
 #[cfg(feature = "complex")]
 pub mod reactive;
+pub mod reconstruct;
+#[cfg(feature = "recording")]
+pub mod recording;
 pub mod scene;
 pub mod sequence;
+#[cfg(feature = "fabric")]
+pub mod simulate;
 mod skin;
 mod stop;
 mod synthetic_touch;
@@ -68,6 +73,7 @@ pub use live::{
 };
 pub use movement::WithoutMovement;
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
+pub use reconstruct::{ImageSolver, Images, Reconstruction};
 pub use scene::Scene;
 pub use skin::{MeshOverride, Skin, SkinModel};
 pub use stop::StopFlag;

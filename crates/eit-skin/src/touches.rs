@@ -22,6 +22,7 @@ use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::fitted::FittedFrames;
 use crate::frames::Frames;
+use crate::live::SkinState;
 use crate::progress::Progress;
 use eit_inverse::touch::{DetectorStep, Touch, TouchState};
 use ndarray::Array2;
@@ -60,6 +61,8 @@ pub struct Touches {
     pub rows: Vec<TouchRow>,
     /// Number of frames searched.
     pub frames: usize,
+    /// Frame of the recording that was searched first.
+    pub first_frame: usize,
     /// Frame rate that was used, hertz.
     pub rate_hz: f64,
     /// What the finder chose, and why.
@@ -107,6 +110,22 @@ impl Touches {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let acted_on = |row: &TouchRow| row.touch.valid && row.touch.state != TouchState::End;
         frames.filter(|rows| rows.iter().any(acted_on)).count()
+    }
+
+    /// Returns the number and time of a row's frame in the recording, of which the first frames may have been skipped.
+    pub fn in_recording(&self, row: &TouchRow) -> (u64, f64) {
+        let first_s = self.first_frame as f64 / self.rate_hz;
+        ((self.first_frame + row.frame) as u64, first_s + row.time_s)
+    }
+
+    /// Returns what is known of the skin in a frame.
+    pub fn state(&self, frame: usize) -> SkinState {
+        let is_in = |frames: &[usize]| frames.binary_search(&frame).is_ok();
+        match (is_in(&self.frozen), is_in(&self.not_explained)) {
+            (true, _) => SkinState::Frozen,
+            (false, true) => SkinState::NotExplained,
+            (false, false) => SkinState::Sound,
+        }
     }
 
     /// Groups the touches by frame: one list for each, empty where there is none.
@@ -191,6 +210,7 @@ pub fn touches(
         let mut found = Touches {
             rows: Vec::new(),
             frames: count,
+            first_frame: fitted.skin.skin.settings.recording.first_frame.unwrap_or(0),
             rate_hz,
             choices: finder.choices.clone(),
             faults: Vec::new(),

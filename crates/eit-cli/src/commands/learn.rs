@@ -7,7 +7,8 @@ mod live;
 use crate::cli::LearnArgs;
 use crate::commands::prelude::*;
 use eit_report::learnt::{LearnFiles, Presses};
-use eit_skin::learn::{Frame, LearnedSkin, PressFrames, PressTable};
+use eit_skin::frames::{FramesInput, ReferenceInput};
+use eit_skin::learn::{Frame, LearnedSkin, PressTable, RecordedPresses};
 use eit_skin::scene::Reference;
 
 /// Learns from files, or from presses that are made now.
@@ -21,25 +22,20 @@ pub(super) fn run(args: &LearnArgs) -> Result<Ended, CliError> {
 
 /// Reads table and frames, learns, and writes the file and the learning curve.
 fn from_files(args: &LearnArgs, presses: &Path) -> Result<Answer, CliError> {
-    let mut scene = Scene::load(&args.scene)?;
-    // ignore what was learnt before
-    scene.touch.learned = None;
-    // the table counts frames from the start of the recording
-    scene.recording.first_frame = None;
+    let scene = Scene::load(&args.scene)?;
     super::check_ending(&args.out, &["learned"])?;
     let outputs = LearnFiles::new(&args.out, &inputs(args, &scene))?;
     let table = PressTable::read(presses)?;
     let earlier = args.with.as_deref().map(LearnedSkin::read).transpose()?;
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
-    let linearised = Arc::new(skin.linearise(&mut progress)?);
-    let reference = reference(args, &scene, &table);
-    let frames =
-        progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
-    let notes = frames.notes.clone();
-    let fitted = linearised.fit(frames)?;
-    let pressed = &PressFrames::new(&table, &fitted.frames)?;
-    let (fitted, frame, earlier) = (&fitted, args.frame(), earlier.as_ref());
+    let reference = args.reference.clone().map(Reference::Text);
+    let reference = reference.as_ref().map_or(ReferenceInput::Settings, ReferenceInput::Named);
+    let frames = FramesInput::Files(&args.frames);
+    let recorded = skin.recorded_presses(&table, frames, reference, &mut progress)?;
+    let RecordedPresses { fitted, pressed, .. } = &recorded;
+    let notes = fitted.frames.notes.clone();
+    let (frame, earlier) = (args.frame(), earlier.as_ref());
     let presses = Presses { fitted, pressed, frame, earlier, notes };
     Ok(outputs.learn(presses, &mut progress)?)
 }
@@ -68,11 +64,4 @@ impl LearnArgs {
     fn frame(&self) -> Frame {
         if self.fit_frame { Frame::Fitted } else { Frame::Scene }
     }
-}
-
-/// Returns the reference; the mean is good enough if every press has frames before it.
-fn reference(args: &LearnArgs, scene: &Scene, table: &PressTable) -> Option<Reference> {
-    let own = table.presses.iter().all(|press| press.before_first.is_some());
-    let any = (own && scene.recording.reference.is_none()).then(|| "mean".to_owned());
-    args.reference.clone().or(any).map(Reference::Text)
 }

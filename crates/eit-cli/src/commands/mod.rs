@@ -31,8 +31,9 @@ use crate::cli::{
 };
 use eit_report::output::ending;
 use eit_report::settings::{
-    ConvertSettings, ReconstructSettings, ReportSettings, SimulateSettings, Solution, SolveSettings,
+    ConvertSettings, ReconstructSettings, ReportSettings, SimulationFiles, Solution, SolveSettings,
 };
+use eit_skin::simulate::SimulateSettings;
 use prelude::*;
 use serde::Serialize;
 
@@ -80,7 +81,8 @@ pub(crate) fn run(command: Command) -> Result<Ended, CliError> {
         Command::Init(args) => init::run(&args)?.into(),
         Command::Learn(args) => learn::run(&args)?,
         Command::Simulate(SimulateArgs { scene, script, seed, frames, nodes, threads, out }) => {
-            let settings = SimulateSettings { scene, script, seed, frames, nodes, threads, out };
+            let simulation = SimulateSettings { script, seed, frames, nodes, threads };
+            let settings = SimulationFiles { scene, simulation, out };
             eit_report::simulated::run(&settings, &mut progress::terminal())?.into()
         }
         Command::Reconstruct(ReconstructArgs { scene, frames, reference, method, out }) => {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, ArrayView2, Axis};
 
 use super::format::Format;
 use super::layout::{Layout, Unit};
@@ -106,6 +106,24 @@ impl Recording {
             skipped,
             notes: Vec::new(),
         })
+    }
+
+    /// Creates a recording of values [frame, value] in volt, in the order of the scene's protocol, with the time of each
+    /// frame at this rate. Values that are not finite are flagged.
+    ///
+    /// # Errors
+    /// [`HwError::NoFrames`].
+    pub fn of_values(
+        values: ArrayView2<'_, f64>,
+        frame_rate_hz: Option<f64>,
+    ) -> Result<Self, HwError> {
+        let (frames, value_count) = values.dim();
+        let real = values.iter().copied().collect();
+        let contents = Contents { real, value_count, ..Contents::default() };
+        let (layout, path) = (Layout::ProtocolOrder, Path::new("values"));
+        let recording = Self::new(contents, layout, Unit::Volt, Format::Npy, path)?.with_missing();
+        let time_s = |rate_hz: f64| (0..frames).map(|frame| frame as f64 / rate_hz).collect();
+        Ok(Self { device_time_s: frame_rate_hz.map(time_s), ..recording })
     }
 
     /// Flags values that are NaN or infinite, and adds a note. For tables, which cannot mark

@@ -1,42 +1,36 @@
 //! The Gauss-Newton methods: one-step images, and methods for whole sequences.
 
-use super::{Made, Task, kind_text};
+use super::{Made, kind_text};
 use crate::error::ReportError;
-use eit_inverse::{CurvePoint, DifferenceFrames, HyperparameterStatus, SequenceReport};
+use eit_inverse::{CurvePoint, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
+use eit_skin::Reconstruction;
 use eit_skin::method::Method;
 use eit_skin::one_step::Imaging;
 use eit_skin::scene::DifferenceKind;
-use eit_skin::{FittedFrames, Progress, sequence};
-use ndarray::Array3;
 use serde_json::{Value, json};
 
-/// Chooses the hyperparameter for one-step images, then applies the requested method with it.
-pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
-    let fitted = task.fitted;
-    let left = match task.before {
-        Some(before) => before.without.one_step(progress)?,
-        None => None,
-    };
-    let imaging = match left {
-        Some(imaging) => imaging,
-        None => fitted.one_step(progress)?,
-    };
-    let Images { images, report: movie } = images(task, &imaging, progress)?;
-    let mut report = imaging_json(&imaging);
-    match &movie {
+/// Reports the choice of the hyperparameter, and the residuals.
+pub(super) fn make(
+    done: &Reconstruction,
+    imaging: &Imaging,
+    movie: Option<&SequenceReport>,
+) -> Result<Made, ReportError> {
+    let imaged = done.imaged();
+    let mut report = imaging_json(imaging);
+    match movie {
         Some(movie) => {
             report["status"] = json!(super::movie_status_text(movie.status));
             report["iterations"] = json!(movie.iterations);
             report["seconds"] = json!(movie.seconds);
             report["residual"] = json!(movie.residual);
             let used = imaging.difference.report().measurements_used as f64;
-            let is_known = task.knows_noise();
+            let is_known = imaged.states_noise();
             report["residual_wanted"] = json!(is_known.then(|| used.sqrt()));
         }
         None => {
             report["status"] = json!("direct");
-            report["relative_residual"] = json!(imaging.residuals(&fitted.frames)?);
+            report["relative_residual"] = json!(imaging.residuals(&imaged.frames)?);
         }
     }
     let inverse = imaging.difference.report();
@@ -47,7 +41,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
         status_text(imaging.chosen.status),
         inverse.degrees_of_freedom
     )];
-    if let Some(movie) = movie.as_ref().filter(|movie| movie.iterations > 0) {
+    if let Some(movie) = movie.filter(|movie| movie.iterations > 0) {
         lines.push(format!(
             "{} after {} steps, {:.2} s",
             super::movie_status_text(movie.status),
@@ -55,57 +49,9 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
             movie.seconds
         ));
     }
-    let footnote = footnote(task.method, task.kind(), &imaging);
-    let (curve, notes) = (curve_picture(&imaging)?, edge_note(&imaging).into_iter().collect());
-    Ok(Made { images, raster: imaging.raster, footnote, curve, report, lines, notes })
-}
-
-/// Images [frame, row, column] and, for methods of sequences, the solver's report.
-struct Images {
-    images: Array3<f64>,
-    report: Option<SequenceReport>,
-}
-
-impl Task<'_> {
-    /// Whether the noise is known, as opposed to treating the data as white.
-    fn knows_noise(&self) -> bool {
-        let settings = &self.fitted.skin.skin.settings;
-        self.before.is_some() || settings.noise.additive_v.is_some()
-    }
-}
-
-/// Computes the images.
-fn images(
-    task: &Task<'_>,
-    imaging: &Imaging,
-    progress: &mut Progress,
-) -> Result<Images, ReportError> {
-    let FittedFrames { skin: linearised, frames, .. } = task.fitted;
-    if task.method == Method::GaussNewton {
-        let images = imaging.images(frames, progress)?.into_parts().0;
-        return Ok(Images { images, report: None });
-    }
-    let prior = linearised.prior()?;
-    let mut settings = task.fitted.one_step_settings()?;
-    settings.hyperparameter = imaging.difference.report().hyperparameter;
-    if task.knows_noise() {
-        // with gain and reference, so that residuals are in units of the noise; images depend only
-        // on ratios
-        let known = task.fitted.noise()?;
-        settings.noise_std = known.map(|noise| noise.std);
-    }
-    let built = progress.stage("set-up of the method", || {
-        sequence::method(task.method, linearised, prior.as_ref(), settings)
-    })?;
-    let Some(mut method) = built else {
-        return Err(ReportError::Failure(format!("{} works on pixels", task.method.name())));
-    };
-    let values = frames.differences(imaging.kind);
-    let differences = DifferenceFrames { values: values.view(), good: Some(frames.good.view()) };
-    let movie = progress.stage("images", || method.reconstruct_sequence(&differences))?;
-    let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
-    let images = imaging.raster.images_from_pixels(pixels.view())?;
-    Ok(Images { images, report: Some(movie.report) })
+    let footnote = footnote(done.choice.method, done.fitted.skin.difference_kind(), imaging);
+    let (curve, notes) = (curve_picture(imaging)?, edge_note(imaging).into_iter().collect());
+    Ok(Made { footnote, curve, report, lines, notes })
 }
 
 /// Returns the footnote of pictures.

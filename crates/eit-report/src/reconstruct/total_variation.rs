@@ -1,27 +1,22 @@
 //! The total-variation methods.
 
-use super::{Made, Task, kind_text};
+use super::{Made, kind_text};
 use crate::error::ReportError;
 use eit_core::median;
 use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
-use eit_skin::Progress;
+use eit_skin::Reconstruction;
 use eit_skin::total_variation::{TvMovie, Weights, stop};
 use serde_json::{Value, json};
 
-/// Chooses the weights, solves, and reports the quality of the solution.
-pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
-    let raster = task.fitted.skin.raster(progress)?.clone();
-    let movie = task.fitted.total_variation(task.method, progress)?;
-    let images = raster.images_from_pixels(movie.pixels.view())?;
+/// Reports the weights and the quality of the solution.
+pub(super) fn make(done: &Reconstruction, movie: &TvMovie) -> Result<Made, ReportError> {
     Ok(Made {
-        images,
-        footnote: footnote(task, &movie),
-        curve: curve_picture(&movie)?,
-        report: report(task, &movie),
-        lines: lines(&movie),
-        notes: notes(&movie),
-        raster,
+        footnote: footnote(done, movie),
+        curve: curve_picture(movie)?,
+        report: report(done, movie),
+        lines: lines(movie),
+        notes: notes(movie),
     })
 }
 
@@ -72,7 +67,7 @@ fn weights_json(weights: &Weights) -> Value {
     })
 }
 
-fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
+fn report(done: &Reconstruction, movie: &TvMovie) -> Value {
     let solved = movie.report.as_ref();
     let certificate = solved.and_then(|report| report.certificate);
     let median = movie.noise.as_ref().and_then(|noise| median(noise.std.iter().copied()));
@@ -80,7 +75,7 @@ fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
         "status": solved.map_or("nothing to solve", |report| status_text(report.status)),
         "iterations": solved.map_or(0, |report| report.iterations),
         "seconds": solved.map_or(0.0, |report| report.seconds),
-        "target_gap": stop(&task.fitted.skin.skin.settings.reconstruction).target_gap,
+        "target_gap": stop(&done.fitted.skin.skin.settings.reconstruction).target_gap,
         "gap": certificate.map(|c| c.relative_gap()),
         "primal": certificate.map(|c| c.primal),
         "lower_bound": certificate.map(|c| c.lower_bound),
@@ -230,14 +225,14 @@ fn notes(movie: &TvMovie) -> Vec<String> {
     notes
 }
 
-fn footnote(task: &Task<'_>, movie: &TvMovie) -> String {
-    let kind = kind_text(task.kind());
+fn footnote(done: &Reconstruction, movie: &TvMovie) -> String {
+    let kind = kind_text(done.fitted.skin.difference_kind());
     let weights = movie.weights.as_ref().map_or_else(String::new, |weights| {
         format!(", λ {:.2e}, {:.2e} ({})", weights.lambda_space, weights.lambda_time, weights.rule)
     });
     let certificate = movie.report.as_ref().and_then(|report| report.certificate);
     let gap = certificate.map_or_else(String::new, |c| format!(", gap {:.2} %", percent(c)));
-    format!("{}{weights}{gap}, {kind} difference", task.method.description())
+    format!("{}{weights}{gap}, {kind} difference", done.choice.method.description())
 }
 
 /// Plots the search for the weights: residual against weight, with the noise, the weight used and

@@ -14,26 +14,16 @@ use std::io::Write;
 pub(crate) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,nx,ny,nz,vx_m_s,vy_m_s,vz_m_s,\
      intensity_s_m2,intensity_std_s_m2,confidence,valid,whole,age_s,force_n,force_std_n,unlike,split_from,merged_into,skin";
 
-/// Writes one row per touch and frame; frame `first` of the file is the first that was searched.
+/// Writes one row per touch and frame.
 ///
 /// # Errors
 ///
 /// A writer that fails.
-pub(crate) fn write_csv(
-    touches: &Touches,
-    first: usize,
-    out: &mut dyn Write,
-) -> Result<(), ReportError> {
-    let first_s = first as f64 / touches.rate_hz;
+pub(crate) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
     touches.rows.iter().try_for_each(|row| {
-        let is_in = |frames: &[usize]| frames.binary_search(&row.frame).is_ok();
-        let state = match (is_in(&touches.frozen), is_in(&touches.not_explained)) {
-            (true, _) => SkinState::Frozen,
-            (false, true) => SkinState::NotExplained,
-            (false, false) => SkinState::Sound,
-        };
-        write_row((first + row.frame) as u64, first_s + row.time_s, &row.touch, state, out)
+        let (frame, time_s) = touches.in_recording(row);
+        write_row(frame, time_s, &row.touch, touches.state(row.frame), out)
     })
 }
 

@@ -97,21 +97,7 @@ impl Chain {
     /// The errors of the method.
     pub(crate) fn reconstruct_frames(&self, frames: Frames) -> Result<Chained, SkinError> {
         let fitted = self.linearised.fit(frames)?;
-        let mut silent = Progress::silent();
-        let freed = fitted.without_movement(self.method, &mut silent)?;
-        let left = freed.as_ref().map_or(&fitted, |freed| &freed.fitted);
-        let images = if self.method == Method::GaussNewton {
-            let of_left = freed.as_ref().map(|freed| freed.one_step(&mut silent));
-            let imaging = match of_left.transpose()?.flatten() {
-                Some(imaging) => imaging,
-                None => left.one_step(&mut silent)?,
-            };
-            imaging.images(&left.frames, &mut silent)?.into_parts().0
-        } else {
-            let made = left.total_variation(self.method, &mut silent)?;
-            let raster = self.linearised.raster(&mut silent)?;
-            raster.images_from_pixels(made.pixels.view())?
-        };
+        let images = fitted.images(self.method, &mut Progress::silent())?.values;
         Ok(Chained { images, fitted })
     }
 }

@@ -16,26 +16,37 @@ pub(super) struct Loaded {
 }
 
 pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
-    let keys = &skin.settings.recording;
-    let protocol = &skin.protocol;
-    let count = protocol.measurements();
-    let (format, options) = keys.reading()?;
+    let count = skin.protocol.measurements();
+    let (format, options) = skin.settings.recording.reading()?;
     let options = eit_hw::ReadOptions {
         measurements: Some(skin.layout.value_count().unwrap_or(count)),
         ..options
     };
+    load(skin, files.iter().map(|file| eit_hw::read_recording(file, format, &options)))
+}
+
+pub(super) fn of_recording(skin: &Skin, recording: &Recording) -> Result<Loaded, SkinError> {
+    load(skin, std::iter::once(Ok(recording.clone())))
+}
+
+fn load(
+    skin: &Skin,
+    recordings: impl Iterator<Item = Result<Recording, HwError>>,
+) -> Result<Loaded, SkinError> {
+    let keys = &skin.settings.recording;
+    let protocol = &skin.protocol;
+    let count = protocol.measurements();
     let mut parts = Vec::new();
     let mut notes = Vec::new();
     let (mut marked_reference, mut ordered_by_file) = (None, true);
     let mut kinds = Vec::new();
-    for file in files {
-        let recording = eit_hw::read_recording(file, format, &options)?;
-        let recording = recording.arranged_for(&skin.layout, protocol.quadruples(), count);
+    for recording in recordings {
+        let recording = recording?.arranged_for(&skin.layout, protocol.quadruples(), count);
         let frames = recording.frames_for(protocol.quadruples(), count, keys.component);
         let mut frames = frames.map_err(|error| advised(error, skin, &recording))?;
         frames.to_volts(drive_current_a(protocol));
         keys.convert(&mut frames);
-        kinds.extend(notes_of(&recording, file));
+        kinds.extend(notes_of(&recording));
         if parts.is_empty() {
             marked_reference = recording.reference_frame;
         }
@@ -87,8 +98,8 @@ fn advised(error: HwError, _: &Skin, _: &Recording) -> SkinError {
 type Kind = Option<std::mem::Discriminant<eit_hw::Note>>;
 
 /// Notes for the user about one file, with their kinds.
-fn notes_of(recording: &Recording, file: &Path) -> Vec<(Kind, String)> {
-    let name = name_of(file);
+fn notes_of(recording: &Recording) -> Vec<(Kind, String)> {
+    let name = name_of(&recording.path);
     let kind = |note| Some(std::mem::discriminant(note));
     let of_file = recording.notes.iter().map(|note| (kind(note), format!("{name}: {note}")));
     let skipped = &recording.skipped;

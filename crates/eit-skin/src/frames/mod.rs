@@ -12,7 +12,7 @@ pub(crate) use fit::{ALIKE, are_magnitudes};
 pub use quiet::QuietFrames;
 pub(crate) use reference::left_out;
 
-use load::{Loaded, drive_current_a, read};
+use load::{Loaded, drive_current_a, of_recording, read};
 
 use crate::error::SkinError;
 use crate::faults::{self, ElectrodeFault, FaultKind};
@@ -20,9 +20,9 @@ use crate::scene::{DifferenceKind, Reference, Scene};
 use crate::skin::Skin;
 use crate::text::counted;
 use eit_fem::Protocol;
-use eit_hw::{MeasuredFrames, Quality};
+use eit_hw::{MeasuredFrames, Quality, Recording};
 use eit_inverse::noise_std_of_quiet_frames;
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, ArrayView2, Axis};
 use std::fmt;
 use std::path::PathBuf;
 
@@ -51,6 +51,28 @@ pub struct Frames {
     pub reciprocity_error: Option<f64>,
     /// Notes for the user.
     pub notes: Vec<String>,
+}
+
+/// Where frames come from.
+#[derive(Debug, Clone, Copy)]
+pub enum FramesInput<'a> {
+    /// Files; those of the settings if there are none.
+    Files(&'a [PathBuf]),
+    /// A recording in memory.
+    Recording(&'a Recording),
+    /// Values [frame, measurement], volt, in protocol order.
+    Values(ArrayView2<'a, f64>),
+}
+
+/// The reference of frames.
+#[derive(Debug, Clone, Copy)]
+pub enum ReferenceInput<'a> {
+    /// That of the settings, else the one that the recording marks.
+    Settings,
+    /// Frames of the recording, or a file.
+    Named(&'a Reference),
+    /// Frames of the untouched skin [frame, measurement], volt, in protocol order.
+    Values(ArrayView2<'a, f64>),
 }
 
 impl Frames {
@@ -125,34 +147,79 @@ impl Skin {
         files: &[PathBuf],
         reference: Option<&Reference>,
     ) -> Result<Frames, SkinError> {
-        let loaded = read(self, &self.files(files)?)?;
-        let found = reference::choose(self, &loaded, reference)?;
-        assemble(self, loaded, found)
+        let reference = reference.map_or(ReferenceInput::Settings, ReferenceInput::Named);
+        self.frames(FramesInput::Files(files), reference)
     }
 
     /// Takes values [frame, measurement], volt, in protocol order, as if read from a recording.
     ///
     /// # Errors
     ///
-    /// No reference, or one beyond the values.
+    /// Another number of measurements; no reference, or one beyond the values.
     pub fn frames_of_values(&self, values: &Array2<f64>) -> Result<Frames, SkinError> {
+        self.frames(FramesInput::Values(values.view()), ReferenceInput::Settings)
+    }
+
+    /// Takes frames from files or from memory, and their reference.
+    ///
+    /// ```
+    /// use eit_skin::frames::{FramesInput, ReferenceInput};
+    /// use eit_skin::{Scene, Skin};
+    ///
+    /// let skin = Skin::from_scene(Scene::load("paper-disc")?)?;
+    /// let rest = skin.model.forward(&skin.background_s())?.insert_axis(ndarray::Axis(0));
+    /// let values = FramesInput::Values(rest.view());
+    /// let frames = skin.frames(values, ReferenceInput::Values(rest.view()))?;
+    /// assert_eq!(frames.reference, rest.row(0).to_vec());
+    /// # Ok::<(), eit_skin::SkinError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Skin::read_frames`] and [`Skin::frames_of_values`].
+    pub fn frames(
+        &self,
+        from: FramesInput<'_>,
+        reference: ReferenceInput<'_>,
+    ) -> Result<Frames, SkinError> {
+        let loaded = match from {
+            FramesInput::Files(files) => read(self, &self.files(files)?)?,
+            FramesInput::Recording(recording) => of_recording(self, recording)?,
+            FramesInput::Values(values) => Loaded {
+                frames: self.measured(values)?,
+                marked_reference: None,
+                ordered_by_file: false,
+                notes: Vec::new(),
+            },
+        };
+        let found = match reference {
+            ReferenceInput::Settings => reference::choose(self, &loaded, None)?,
+            ReferenceInput::Named(reference) => reference::choose(self, &loaded, Some(reference))?,
+            ReferenceInput::Values(values) => reference::of_caller(self.measured(values)?),
+        };
+        assemble(self, loaded, found)
+    }
+
+    /// Values of the caller with their flags.
+    fn measured(&self, values: ArrayView2<'_, f64>) -> Result<MeasuredFrames, SkinError> {
+        let measurements = self.protocol.measurements();
+        SkinError::check_measurements("a frame", values.ncols(), measurements)?;
+        if values.is_empty() {
+            return Err(SkinError::argument("frames", "there are none"));
+        }
         let quality = values.mapv(|value| match value.is_finite() {
             true => Quality::GOOD,
             false => Quality::NON_FINITE,
         });
-        let frames = MeasuredFrames {
-            values: values.clone(),
+        Ok(MeasuredFrames {
+            values: values.to_owned(),
             quality,
             unit: eit_hw::Unit::Arbitrary,
             device_time_s: None,
             frequency_hz: None,
             current_a: None,
             phase_rad: None,
-        };
-        let loaded =
-            Loaded { frames, marked_reference: None, ordered_by_file: false, notes: Vec::new() };
-        let found = reference::choose(self, &loaded, None)?;
-        assemble(self, loaded, found)
+        })
     }
 
     /// Takes an instrument's frames of the untouched skin; their mean is the reference.

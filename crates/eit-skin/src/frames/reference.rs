@@ -119,12 +119,22 @@ pub(crate) fn of_quiet(frames: &MeasuredFrames) -> ReferenceFrame {
 
 fn from_file(skin: &Skin, path: &Path) -> Result<ReferenceFrame, SkinError> {
     let other = read(skin, std::slice::from_ref(&path.to_path_buf()))?;
-    let count = other.frames.values.nrows();
-    let (values, good) = other.frames.mean_of(0..count);
+    Ok(of_others(other.frames, &name_of(path)))
+}
+
+/// Averages frames of the untouched skin that the caller gave.
+pub(crate) fn of_caller(frames: MeasuredFrames) -> ReferenceFrame {
+    of_others(frames, "the given reference")
+}
+
+/// Averages frames of another recording.
+fn of_others(others: MeasuredFrames, name: &str) -> ReferenceFrame {
+    let count = others.values.nrows();
+    let (values, good) = others.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
-    let source = format!("{} ({frames})", name_of(path));
-    let frames = FlaggedValues { values: other.frames.values, quality: other.frames.quality };
-    Ok(ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 })
+    let source = format!("{name} ({frames})");
+    let frames = FlaggedValues { values: others.values, quality: others.quality };
+    ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 }
 }
 
 fn single(frame: usize) -> (Range<usize>, String) {

@@ -72,6 +72,20 @@ impl LearnedSkin {
         Ok(format!("{header}\n{content}\n").into_bytes())
     }
 
+    /// Writes the file, which has its name once it is complete.
+    ///
+    /// # Errors
+    ///
+    /// Numbers that are not finite, and a file that cannot be written.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), SkinError> {
+        let path = path.as_ref();
+        let bytes = self.to_bytes()?;
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let written = std::fs::write(&part, bytes).and_then(|()| std::fs::rename(&part, path));
+        written.map_err(|error| SkinError::at(path, error))
+    }
+
     /// Reads a file written by [`LearnedSkin::to_bytes`].
     ///
     /// # Errors

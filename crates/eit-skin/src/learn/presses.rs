@@ -1,9 +1,57 @@
 //! Frames of the presses in a table.
 
-use super::PlaceErrors;
+use super::{PlaceErrors, PressTable};
+use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use crate::frames::{FramesInput, ReferenceInput};
+use crate::progress::Progress;
+use crate::scene::Reference;
+use crate::skin::Skin;
 use crate::touches::PressTouch;
 use eit_core::vector::distance;
 use ndarray::Array2;
+use std::sync::Arc;
+
+/// The presses of a table in a recording, from which [`LearnedSkin::learn`](super::LearnedSkin::learn) learns.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct RecordedPresses {
+    /// All frames of the recording.
+    pub fitted: FittedFrames,
+    /// Those of the presses.
+    pub pressed: PressFrames,
+}
+
+impl Skin {
+    /// Takes the presses of a table from a recording. Without any reference, it is the mean if every press has frames
+    /// before it.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`Skin::frames`] and [`PressFrames::new`].
+    pub fn recorded_presses(
+        &self,
+        table: &PressTable,
+        frames: FramesInput<'_>,
+        reference: ReferenceInput<'_>,
+        progress: &mut Progress,
+    ) -> Result<RecordedPresses, SkinError> {
+        let mut skin = self.clone();
+        // ignore what was learnt before
+        skin.settings.touch.learned = None;
+        let recording = &mut skin.settings.recording;
+        // the table counts frames from the start of the recording
+        recording.first_frame = None;
+        if table.presses.iter().all(|press| press.before_first.is_some()) {
+            recording.reference.get_or_insert_with(|| Reference::Text("mean".to_owned()));
+        }
+        let linearised = Arc::new(skin.linearise(progress)?);
+        let frames = progress.stage("read frames", || skin.frames(frames, reference))?;
+        let fitted = linearised.fit(frames)?;
+        let pressed = PressFrames::new(table, &fitted.frames)?;
+        Ok(RecordedPresses { fitted, pressed })
+    }
+}
 
 /// Frames of presses, each with the untouched frame to subtract from it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -12,7 +12,7 @@ const MOST_BYTES: u64 = 64 << 20;
 const MOST_PRESSES: usize = 200_000;
 
 /// A line of the table.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Press {
     /// Position along x, metres.

@@ -1,0 +1,171 @@
+"""What a program in Python relies on beside the numbers: errors, threads, signals, stubs, examples."""
+
+import ast
+import inspect
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import eit_command
+
+import eit
+
+CRATE = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def skin() -> eit.Skin:
+    return eit.Skin.load("paper-disc")
+
+
+def test_errors_say_what_is_wrong(skin: eit.Skin, tmp_path: Path) -> None:
+    with pytest.raises(eit.EitError, match='"paper-disk".*paper-disc'):
+        eit.Skin.load("paper-disk")
+    with pytest.raises(eit.EitError, match="gone.mcap"):
+        skin.replay(tmp_path / "gone.mcap")
+    with pytest.raises(eit.EitError, match=r"no \[instrument\]"):
+        skin.open()
+    with pytest.raises(ValueError, match="5 values, but the protocol has 208"):
+        skin.touches(np.zeros((3, 5)), 0)
+    with pytest.raises(ValueError, match="5 values.*208"):
+        skin.sensor().push(np.zeros(5))
+    with pytest.raises(ValueError, match="frames: there are none"):
+        skin.touches(np.zeros((0, 208)), 0)
+    with pytest.raises(ValueError, match="reference: no reference frame"):
+        skin.touches(np.ones((3, 208)))
+    with pytest.raises(ValueError, match='method: "sttv"'):
+        skin.reconstruct(np.ones((3, 208)), 0, method="sttv")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="script: dance"):
+        skin.simulate("dance")
+    with pytest.raises(ValueError, match="frame_rate_hz: 0"):
+        eit.Recording(np.ones((3, 208)), 0.0)
+    for wrong in [np.ones(208), np.ones((1, 208), complex), {"a": 1}, 3.5]:
+        with pytest.raises(TypeError, match=r"frames: must be real numbers \[frame, measurement\]"):
+            skin.touches(wrong, 0)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"conductivity.*\[element\]"):
+        skin.forward(np.ones((2, 2)))
+    with pytest.raises(eit.EitError, match="conductivity|element"):
+        skin.forward([1.0, 2.0])
+
+
+def test_notes_are_logged(caplog: pytest.LogCaptureFixture, skin: eit.Skin) -> None:
+    frames = np.tile(np.linspace(1.0, 2.0, 208), (8, 1))
+    with caplog.at_level(logging.INFO, logger="eit"), pytest.raises(eit.EitError):
+        skin.touches(frames, "0..8")
+    frames = np.tile(skin.forward(), (8, 1))
+    with caplog.at_level(logging.INFO, logger="eit"), pytest.raises(eit.EitError):
+        skin.touches(frames, "0..8")
+    assert "equal to the last digit" in caplog.text
+
+
+def test_the_interpreter_runs_while_it_computes(skin: eit.Skin) -> None:
+    ticks = 0
+    done = threading.Event()
+
+    def tick() -> None:
+        nonlocal ticks
+        while not done.is_set():
+            ticks += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    for _ in range(3):
+        skin.jacobian()
+    done.set()
+    thread.join()
+    assert ticks > 10
+
+
+def test_a_waiting_iterator_ends_with_ctrl_c(tmp_path: Path) -> None:
+    # an instrument that answers nothing more: a pseudo-terminal without a writer
+    main, other = os.openpty()
+    scene = tmp_path / "text.toml"
+    text = eit_command("plan", "paper-disc", "--print-scene")
+    scene.write_text(text + '\n[instrument]\ndriver = "text"\n')
+    port = os.ttyname(other)
+    code = f"import eit\nprint('set up', flush=True)\nfor _ in eit.Skin.load({str(scene)!r}).open({port!r}): pass"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    stop = time.monotonic() + 3
+    while time.monotonic() < stop:
+        os.write(main, (" ".join(["0.001"] * 208) + "\n").encode())
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=5)
+    os.close(main)
+    os.close(other)
+    assert "KeyboardInterrupt" in said, said
+
+
+def test_next_within_returns_in_time(tmp_path: Path, skin: eit.Skin) -> None:
+    sensor = skin.sensor()
+    # frames are pushed: nothing will come
+    assert sensor.next_within(0.2) is None and list(sensor) == []
+    with pytest.raises(ValueError, match="timeout_s: -1"):
+        sensor.next_within(-1.0)
+    with pytest.raises(eit.EitError, match="reference frames"):
+        sensor.set_reference(np.zeros((2, 208)))
+
+
+def test_contiguous_arrays_are_not_copied() -> None:
+    simulation = eit.Skin.load("paper-disc").simulate("tapping", frames=21, nodes=1500)
+    assert simulation.frames is simulation.frames
+    assert simulation.frames.flags.c_contiguous and simulation.frames.flags.writeable
+
+
+def test_stubs_have_the_docstrings_of_the_module() -> None:
+    tree = ast.parse((CRATE / "python/eit/__init__.pyi").read_text())
+    for node in [node for node in tree.body if isinstance(node, ast.ClassDef)]:
+        made = getattr(eit, node.name)
+        for part in node.body:
+            if isinstance(part, ast.FunctionDef) and not part.name.startswith("__"):
+                doc = ast.get_docstring(part)
+                assert doc and inspect.getdoc(getattr(made, part.name)) == doc, part.name
+        if node.name != "EitError":
+            assert inspect.getdoc(made) == ast.get_docstring(node), node.name
+
+
+@pytest.mark.parametrize("name", ["first_image", "learn", "simulate"])
+def test_examples(name: str, tmp_path: Path) -> None:
+    said = run_example(name, tmp_path)
+    for text in {"first_image": ["brightest"], "learn": ["40 presses", "N"], "simulate": ["found"]}[name]:
+        assert text in said
+
+
+def test_example_of_live_touches(tmp_path: Path) -> None:
+    line = ["--script", "paper-one-finger", "--frames", 40, "--nodes", 2500]
+    eit_command("simulate", "paper-disc", *line, "--out", tmp_path / "out")
+    scene, played = tmp_path / "out" / "scene.toml", tmp_path / "played.mcap"
+    eit_command("convert", tmp_path / "out" / "frames.npy", "--scene", scene, "--out", played)
+    assert "touch 1 at" in run_example("live_touches", tmp_path, scene, played)
+
+
+def test_the_readme_prints_touches(tmp_path: Path) -> None:
+    code = (CRATE / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    said = run(tmp_path, "-c", code)
+    assert said.count("touch 1 at") > 5
+
+
+def run_example(name: str, folder: Path, *arguments: Path) -> str:
+    path = CRATE / "examples" / f"{name}.py"
+    assert len(path.read_text().splitlines()) <= 25
+    return run(folder, str(path), *map(str, arguments))
+
+
+def run(folder: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
