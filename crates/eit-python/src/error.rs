@@ -20,10 +20,7 @@ pub(crate) type Result<T> = std::result::Result<T, Error>;
 impl From<SkinError> for Error {
     fn from(error: SkinError) -> Self {
         let is_argument = error.as_argument().is_some()
-            || matches!(
-                error,
-                SkinError::MeasurementCount { .. } | SkinError::FrameLength { .. }
-            );
+            || matches!(error, SkinError::MeasurementCount { .. } | SkinError::FrameLength { .. });
         let message = error.to_string();
         Self(match is_argument {
             true => PyValueError::new_err(message),

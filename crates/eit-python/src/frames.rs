@@ -4,20 +4,21 @@ use crate::recording::Recording;
 use eit_skin::frames::{FramesInput, ReferenceInput};
 use eit_skin::scene::Reference;
 use numpy::ndarray::{ArrayView2, Axis, Dimension};
-use numpy::{AllowTypeChange, PyArrayLike, PyArrayLike2, PyReadonlyArray1, PyUntypedArray};
+use numpy::{AllowTypeChange, PyArrayLike, PyArrayLike2, PyUntypedArray};
 use numpy::{PyArrayDescrMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
 /// An array of `f64`: read in place if it is one, else converted.
-pub(crate) fn array<'py, D: Dimension>(
+pub(crate) fn array<'py, D: Dimension + 'py>(
     name: &str,
     shape: &str,
     value: &Bound<'py, PyAny>,
 ) -> PyResult<PyArrayLike<'py, f64, D, AllowTypeChange>> {
-    let is_real = value.cast::<PyUntypedArray>().is_ok_and(|array| b"fiub".contains(&array.dtype().kind()))
-        || value.cast::<PyUntypedArray>().is_err();
+    let is_real =
+        value.cast::<PyUntypedArray>().is_ok_and(|array| b"fiub".contains(&array.dtype().kind()))
+            || value.cast::<PyUntypedArray>().is_err();
     let found = value.extract().ok().filter(|_| is_real);
     found.ok_or_else(|| PyTypeError::new_err(format!("{name}: must be real numbers {shape}")))
 }
@@ -71,11 +72,14 @@ impl<'py> ReferenceOf<'py> {
         if let Ok(path) = reference.extract::<PathBuf>() {
             return Ok(Self::Named(Reference::Text(path.display().to_string())));
         }
-        let shape = "[measurement] or [frame, measurement], a frame number, \"mean\", \"N..M\", or a file";
+        let shape =
+            "[measurement] or [frame, measurement], a frame number, \"mean\", \"N..M\", or a file";
         let values = array::<numpy::IxDyn>("reference", shape, reference)?;
         match values.ndim() {
             1 | 2 => Ok(Self::Values(values)),
-            axes => Err(PyTypeError::new_err(format!("reference: has {axes} axes; must be {shape}"))),
+            axes => {
+                Err(PyTypeError::new_err(format!("reference: has {axes} axes; must be {shape}")))
+            }
         }
     }
 
@@ -90,13 +94,5 @@ impl<'py> ReferenceOf<'py> {
             .into_dimensionality()
             .map_err(|error| PyTypeError::new_err(format!("reference: {error}")))?;
         Ok(ReferenceInput::Values(values))
-    }
-}
-
-/// The values of a frame, in one piece.
-pub(crate) fn values_of(frame: &PyReadonlyArray1<'_, f64>) -> Vec<f64> {
-    match frame.as_slice() {
-        Ok(values) => values.to_vec(),
-        Err(_) => frame.as_array().to_vec(),
     }
 }

@@ -67,7 +67,9 @@ pub(crate) fn table(presses: &Bound<'_, PyAny>) -> Result<PressTable> {
     }
     let names = match presses.getattr("dtype").and_then(|dtype| dtype.getattr("names")) {
         Ok(names) => names.extract(),
-        Err(_) => presses.call_method0("keys").and_then(|keys| keys.try_iter()?.map(|key| key?.extract()).collect()),
+        Err(_) => presses
+            .call_method0("keys")
+            .and_then(|keys| keys.try_iter()?.map(|key| key?.extract()).collect()),
     };
     let names: Vec<String> = names.map_err(|_| {
         PyTypeError::new_err("presses: must be a file, a structured array, or a dict of columns")

@@ -63,7 +63,9 @@ impl Recording {
     #[getter]
     fn quadruples<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<u32>>> {
         match &self.0.layout {
-            Layout::Quadruples(quadruples) => Some(Array2::from(quadruples.clone()).into_pyarray(py)),
+            Layout::Quadruples(quadruples) => {
+                Some(Array2::from(quadruples.clone()).into_pyarray(py))
+            }
             _ => None,
         }
     }

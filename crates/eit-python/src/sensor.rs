@@ -1,7 +1,7 @@
 //! Touches frame by frame.
 
 use crate::error::{Error, Result};
-use crate::frames::{array, values_of};
+use crate::frames::array;
 use crate::touches::Rows;
 use eit_hw::Frame;
 use eit_skin::faults::ElectrodeFault;
@@ -80,7 +80,8 @@ impl Sensor {
         let start = Instant::now();
         let sensor = self.inner();
         loop {
-            let left = timeout.map_or(WAIT, |timeout| WAIT.min(timeout.saturating_sub(start.elapsed())));
+            let left =
+                timeout.map_or(WAIT, |timeout| WAIT.min(timeout.saturating_sub(start.elapsed())));
             let waited = py.detach(|| {
                 Ok::<_, SkinError>(match sensor.next_within(left)? {
                     Next::Frame(shown) => Waited::Frame(Box::new(Shown::of(&shown)?)),
@@ -111,7 +112,7 @@ impl Sensor {
         frame: &Bound<'_, PyAny>,
         time_s: Option<f64>,
     ) -> Result<Option<TouchFrame>> {
-        let values = values_of(&array::<Ix1>("frame", "[measurement]", frame)?);
+        let values = array::<Ix1>("frame", "[measurement]", frame)?.as_array().to_vec();
         let frame = Frame { device_time_s: time_s, ..Frame::new(self.pushed, values) };
         self.pushed += 1;
         let sensor = self.inner();

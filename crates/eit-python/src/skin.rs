@@ -14,6 +14,7 @@ use eit_skin::{Observer, Progress, Scene, SkinError, rounding_warning};
 use numpy::ndarray::{Array2, Ix1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -49,14 +50,19 @@ impl Skin {
         &self,
         py: Python<'_>,
         conductivity: Option<&Bound<'_, PyAny>>,
-        take: impl Fn(&mut Solution<'_>) -> T + Send,
+        take: fn(&mut Solution<'_>) -> T,
     ) -> Result<T> {
         let given = conductivity.map(|given| array::<Ix1>("conductivity", "[element]", given));
         let given = given.transpose()?;
         let given = given.as_ref().map(|given| given.as_array());
         let (taken, warning) = py.detach(|| {
-            let background_s = || self.skin.background_s();
-            let conductivity_s = given.map_or_else(background_s, |given| given.to_vec());
+            let conductivity_s = match given {
+                None => Cow::Owned(self.skin.background_s()),
+                Some(given) => match given.to_slice() {
+                    Some(values) => Cow::Borrowed(values),
+                    None => Cow::Owned(given.to_vec()),
+                },
+            };
             let mut workspace = self.skin.model.workspace()?;
             let mut solution = self.skin.solve(&conductivity_s, &mut workspace)?;
             Ok::<_, SkinError>((take(&mut solution), rounding_warning(&solution.report())?))
@@ -160,7 +166,8 @@ impl Skin {
     ) -> Result<Simulation> {
         let settings =
             SimulateSettings { script: script.to_owned(), seed, frames, nodes, threads: None };
-        let made = py.detach(|| SimulatedRecording::run(&self.scene, &settings, &mut progress()))?;
+        let made =
+            py.detach(|| SimulatedRecording::run(&self.scene, &settings, &mut progress()))?;
         let skin = self.with(made.described(self.skin.clone()));
         Ok(Simulation::new(py, skin, made)?)
     }
@@ -234,7 +241,8 @@ impl Skin {
         earlier: Option<PathBuf>,
         fit_frame: bool,
     ) -> Result<LearnedSkin> {
-        let (table, frame) = (table(presses)?, if fit_frame { Frame::Fitted } else { Frame::Scene });
+        let (table, frame) =
+            (table(presses)?, if fit_frame { Frame::Fitted } else { Frame::Scene });
         let (frames, reference) = (Frames::of(frames)?, ReferenceOf::of(reference)?);
         let (frames, reference) = (frames.input(), reference.input()?);
         let learning = py.detach(|| {

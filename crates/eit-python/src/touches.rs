@@ -1,8 +1,8 @@
 //! Touches as structured arrays.
 
+use eit_skin::Touch;
 use eit_skin::eit_fem::fabric::TrueTouch;
 use eit_skin::live::{SkinState, TouchFields};
-use eit_skin::Touch;
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
