@@ -19,7 +19,7 @@ pub(crate) fn array<'py, D: Dimension + 'py>(
     let is_real =
         value.cast::<PyUntypedArray>().is_ok_and(|array| b"fiub".contains(&array.dtype().kind()))
             || value.cast::<PyUntypedArray>().is_err();
-    let found = value.extract().ok().filter(|_| is_real);
+    let found = if is_real { value.extract().ok() } else { None };
     found.ok_or_else(|| PyTypeError::new_err(format!("{name}: must be real numbers {shape}")))
 }
 

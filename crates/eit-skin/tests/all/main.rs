@@ -20,6 +20,7 @@ mod other_skins;
 #[cfg(feature = "mint")]
 mod serde;
 mod shared;
+mod simulated;
 mod stream_faults;
 mod touches;
 mod trouble;
