@@ -3,7 +3,7 @@
 import os
 import subprocess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -25,7 +25,7 @@ class Case(NamedTuple):
     """Scene of the simulation, with reference and noise."""
     frames: Path
     reference: str | None
-    method: str | None
+    method: Any
     made: Path
     """What `eit reconstruct` wrote."""
 
