@@ -179,7 +179,8 @@ pub unsafe extern "C" fn eit_load(
         Err(error) => {
             if !message.is_null() && size > 0 {
                 // a cut must not split a character
-                let length = error.floor_char_boundary(size - 1);
+                let fits = |length: &usize| *length < size && error.is_char_boundary(*length);
+                let length = (0..=error.len()).rev().find(fits).unwrap_or(0);
                 // SAFETY: the caller has `size` bytes of room, of which `length` + 1 are written
                 unsafe {
                     error.as_ptr().copy_to_nonoverlapping(message.cast(), length);

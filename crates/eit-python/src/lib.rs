@@ -7,6 +7,7 @@ mod learn;
 mod recording;
 mod sensor;
 mod simulation;
+mod simulator;
 mod skin;
 mod touches;
 
@@ -23,5 +24,6 @@ fn _eit(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<sensor::TouchFrame>()?;
     module.add_class::<recording::Recording>()?;
     module.add_class::<simulation::Simulation>()?;
+    module.add_class::<simulator::Simulator>()?;
     module.add_class::<learn::LearnedSkin>()
 }

@@ -13,6 +13,7 @@ __all__ = [
     "Recording",
     "Sensor",
     "Simulation",
+    "Simulator",
     "Skin",
     "TouchFrame",
     "touch_dtype",
@@ -93,6 +94,14 @@ class Skin:
 
         Built in are paper-one-finger, paper-two-fingers, random, press-and-hold, tapping, stroking and closing-in.
         `frames` ends it early, `nodes` are those of the mesh. The same seed gives the same bytes.
+        """
+
+    def simulator(
+        self, seed: int = 1, *, fast: bool = False, nodes: int | None = None
+    ) -> Simulator:
+        """The simulated fabric of the scene, to be stepped with the contacts of a robot's simulator.
+
+        `fast` linearises it: some fifty times as fast, and 4 to 6 % off. `nodes` are those of the mesh.
         """
 
     def reconstruct(
@@ -290,6 +299,36 @@ class Simulation:
     @property
     def skin(self) -> Skin:
         """The skin, with the reference, frame rate and noise of these frames."""
+
+@final
+class Simulator:
+    """A simulated skin, stepped frame by frame with the contacts of a robot's simulator."""
+
+    def step(
+        self,
+        contacts: ArrayLike,
+        dt_s: float,
+        *,
+        fingers: Sequence[int] | None = None,
+        flat: bool = False,
+    ) -> _Floats:
+        """Moves the contacts and measures the next frame [measurement], volt, `dt_s` after the one before.
+
+        `contacts` are [contact, (x_m, y_m, force_n, radius_m)], spheres, or with `flat` soft pads of that radius.
+        `fingers` are their numbers, by which a moved finger is known; without them, the rows' from 1.
+        """
+
+    @property
+    def time_s(self) -> float:
+        """Time of the last frame since the first, seconds; NaN before the first."""
+
+    @property
+    def exact(self) -> _Floats | None:
+        """Exact voltages [measurement] of the last frame, before the instrument, volt; None before the first."""
+
+    @property
+    def reference(self) -> _Floats:
+        """Exact voltages [measurement] of the untouched skin, volt."""
 
 @final
 class LearnedSkin:

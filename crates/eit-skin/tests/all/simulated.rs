@@ -1,10 +1,11 @@
 //! A simulated recording, and its touches and images in one call.
 
+use eit_skin::eit_fem::fabric::Contact;
 use eit_skin::frames::{FramesInput, ReferenceInput};
 use eit_skin::live::SkinState;
 use eit_skin::ndarray::{Array2, Axis};
 use eit_skin::scene::Reference;
-use eit_skin::simulate::{SimulateSettings, SimulatedRecording};
+use eit_skin::simulate::{SimulateSettings, SimulatedRecording, simulator};
 use eit_skin::{ImageSolver, Progress, Scene, Skin};
 
 #[test]
@@ -42,4 +43,34 @@ fn simulated_frames_are_reconstructed_with_their_own_reference() {
     let few = Array2::zeros((3, 5));
     let error = skin.frames_of_values(&few).unwrap_err().to_string();
     assert!(error.contains("5 values, but the protocol has 208"), "{error}");
+}
+
+/// Stepped with the fingers of a script, the frames are those of the recording.
+#[test]
+fn a_stepped_skin_makes_the_frames_of_the_recording() {
+    let scene = Scene::load("paper-disc").unwrap();
+    let settings = SimulateSettings {
+        script: "paper-one-finger".to_owned(),
+        seed: 3,
+        frames: Some(30),
+        nodes: Some(900),
+        threads: None,
+    };
+    let made = SimulatedRecording::run(&scene, &settings, &mut Progress::silent()).unwrap();
+    let mut skin = simulator(&scene, 3, Some(900), false).unwrap();
+    for (frame, wanted) in made.simulation.frames_v.rows().into_iter().enumerate() {
+        let touches = made.script.touches(frame).into_iter();
+        let contacts: Vec<Contact> = touches
+            .map(|touch| Contact {
+                finger: touch.finger,
+                tip: touch.tip,
+                position_m: touch.position_m,
+                force_n: touch.force_n,
+                radius_m: touch.radius_m,
+            })
+            .collect();
+        let stepped = skin.step(&contacts, 1.0 / made.script.frame_rate_hz).unwrap();
+        assert_eq!(stepped.values_v, wanted.to_vec());
+    }
+    simulator(&scene, 3, None, true).unwrap().step(&[], 0.05).unwrap();
 }
