@@ -4,6 +4,7 @@ import ast
 import inspect
 import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -158,10 +159,66 @@ def test_example_of_live_touches(tmp_path: Path) -> None:
     assert "touch 1 at" in run_example("live_touches", tmp_path, scene, played)
 
 
-def test_the_readme_prints_touches(tmp_path: Path) -> None:
-    code = (CRATE / "README.md").read_text().split("```python\n")[1].split("```")[0]
-    said = run(tmp_path, "-c", code)
-    assert said.count("touch 1 at") > 5
+def test_the_readmes_run(tmp_path: Path) -> None:
+    for readme, prints in [(CRATE / "README.md", 5), (CRATE.parents[1] / "README.md", -1)]:
+        code = readme.read_text().split("```python\n")[1].split("```")[0]
+        assert run(tmp_path, "-c", code).count("touch 1 at") > prints
+
+
+def test_steps_are_the_frames_of_a_simulation(skin: eit.Skin) -> None:
+    made = skin.simulate("paper-two-fingers", seed=3, frames=40, nodes=900)
+    simulator = skin.simulator(seed=3, nodes=900)
+    assert np.isnan(simulator.time_s) and simulator.exact is None
+    for number, wanted in enumerate(made.frames):
+        true = made.touches[made.touches["frame"] == number]
+        contacts = [[t["x_m"], t["y_m"], t["force_n"], t["tip_radius_m"]] for t in true]
+        frame = simulator.step(contacts, 1 / made.frame_rate_hz, fingers=[int(t["finger"]) for t in true])
+        assert np.array_equal(frame, wanted)
+        assert np.isclose(simulator.time_s, number / made.frame_rate_hz)
+    fast = skin.simulator(seed=3, fast=True)
+    touched = fast.step([[0.03, 0.0, 1.0, 0.01]], 0.05, flat=True)
+    assert touched.shape == fast.reference.shape == (208,) and fast.exact is not None
+    assert not np.allclose(fast.exact, fast.reference, rtol=1e-3)
+
+
+def test_wrong_contacts_are_named(skin: eit.Skin) -> None:
+    simulator = skin.simulator(fast=True)
+    with pytest.raises(ValueError, match=r"contacts: must be \[contact, \(x_m"):
+        simulator.step([[0.0, 0.0, 1.0]], 0.05)
+    with pytest.raises(TypeError, match="contacts: must be real numbers"):
+        simulator.step("finger", 0.05)
+    with pytest.raises(ValueError, match="fingers: 2 for 1 contacts"):
+        simulator.step([[0.0, 0.0, 1.0, 0.01]], 0.05, fingers=[1, 2])
+    with pytest.raises(eit.EitError, match="finger 1, .*is not on the skin"):
+        simulator.step([[0.2, 0.0, 1.0, 0.01]], 0.05)
+    with pytest.raises(eit.EitError, match="dt_s"):
+        simulator.step([], 0.0)
+
+
+def test_a_finger_in_mujoco_is_felt(tmp_path: Path) -> None:
+    for package in ["mujoco", "matplotlib"]:
+        pytest.importorskip(package)
+    said = run(tmp_path, str(CRATE / "examples" / "mujoco_press.py"), "picture.png")
+    found, median_mm = re.search(r"found ([0-9.]+)\ndistance: median ([0-9.]+) mm", said).groups()
+    assert float(found) >= 0.98 and float(median_mm) <= 3.0, said
+    assert (tmp_path / "picture.png").stat().st_size > 5000
+
+
+def test_the_environment_is_one_of_gymnasium(monkeypatch: pytest.MonkeyPatch) -> None:
+    gymnasium = pytest.importorskip("gymnasium")
+    monkeypatch.syspath_prepend(str(CRATE / "examples"))
+    import reach_env
+
+    environment = gymnasium.make("EitReach-v0").unwrapped
+    gymnasium.utils.env_checker.check_env(environment, skip_render_check=True)
+    # straight to the goal, pressing: felt on the way, and there before the end
+    seen, _ = environment.reset(seed=2)
+    for _ in range(environment.FRAMES):
+        way = 0.1 * (seen[:2] - seen[2:4]) / (0.1 * environment.FRAME_S)
+        seen, _, is_there, _, _ = environment.step(np.array([*np.clip(way, -1, 1), 1.0], np.float32))
+        if is_there:
+            break
+    assert is_there and seen[4] == 1.0 and isinstance(environment, reach_env.EitReach)
 
 
 def run_example(name: str, folder: Path, *arguments: Path) -> str:

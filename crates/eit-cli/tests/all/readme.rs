@@ -81,7 +81,7 @@ fn commands_of_all_pages() {
 /// Blocks have a language, and those of the shell a known reason not to run.
 #[test]
 fn blocks_are_of_known_kinds() {
-    let known = "sh,sh board,sh robot,sh long,toml,rust,text,c,json";
+    let known = "sh,sh board,sh robot,sh long,toml,rust,python,text,c,json";
     let known: Vec<&str> = known.split(',').chain(["rust,no_run"]).collect();
     for page in pages() {
         let text = read_text(&page);

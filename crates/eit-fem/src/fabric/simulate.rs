@@ -9,6 +9,7 @@ mod plan;
 mod results;
 mod settings;
 mod simulated_skin;
+mod view;
 
 pub use settings::SimulationSettings;
 pub use simulated_skin::{Contact, SimulatedFrame, SimulatedSkin};
@@ -26,9 +27,9 @@ use course::{Course, Response};
 use eit_mesh::Raster;
 use instant::{Instant, Worker, each};
 use plan::Plan;
-use results::View;
 use std::f64::consts::PI;
 use std::time;
+use view::View;
 
 /// Number of frames processed together. Limits the memory, but is large enough to keep threads
 /// busy.

@@ -4,7 +4,7 @@ use super::clock::Clock;
 use super::instant::{Instant, Worker, each};
 use super::linearised::Linearised;
 use super::plan::Plan;
-use super::results::View;
+use super::view::View;
 use crate::error::FemError;
 use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::{Channels, Loose};

@@ -1,7 +1,7 @@
 //! One instant: move the nodes, solve, and compute exact voltages. A frame has one instant, or several if its scan takes time.
 
 use super::plan::Plan;
-use super::results::View;
+use super::view::View;
 use crate::error::FemError;
 use crate::fabric::conductivity::pressures_into;
 use crate::fabric::fabric_model::Fabric;

@@ -4,27 +4,12 @@ use super::CHUNK;
 use super::course::{Course, Measured};
 use super::instant::Instant;
 use super::settings::SimulationSettings;
+use super::view::View;
 use crate::error::FemError;
-use crate::fabric::conductivity::pixel_seats;
 use crate::fabric::fabric_model::Fabric;
-use crate::fabric::seat::Seat;
 use crate::fabric::truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};
-use eit_mesh::{Raster, Surface};
 use ndarray::{Array2, Array3, ArrayView1, Axis};
 use std::f64::consts::PI;
-
-/// What the images of the truth are made on.
-pub(super) struct View<'a> {
-    pub raster: &'a Raster,
-    /// Where the masked pixels are on the skin.
-    pub seats: Vec<Option<Seat>>,
-}
-
-impl<'a> View<'a> {
-    pub(super) fn new(raster: &'a Raster, surface: &Surface) -> Self {
-        Self { raster, seats: pixel_seats(raster, surface) }
-    }
-}
 
 impl Fabric {
     pub(super) fn empty(
