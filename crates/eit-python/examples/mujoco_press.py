@@ -13,17 +13,17 @@ import eit
 
 FRAME_S = 0.05
 RADIUS_M = 0.01
-QUIET, HOLD = 25, 12  # frames of the untouched skin, and of each press
+HOLD = 20  # frames of each press
 
 MODEL = f"""
 <mujoco>
   <option timestep="0.001"/>
   <worldbody>
     <geom name="skin" type="cylinder" size="0.1 0.005" pos="0 0 -0.005" friction="0.4"/>
-    <body pos="0 0 0.03">
+    <body pos="0 0 0.015">
       <joint name="x" type="slide" axis="1 0 0" damping="1"/>
       <joint name="y" type="slide" axis="0 1 0" damping="1"/>
-      <joint name="z" type="slide" axis="0 0 1" damping="1"/>
+      <joint name="z" type="slide" axis="0 0 1" damping="20"/>
       <geom name="tip" type="sphere" size="{RADIUS_M}" mass="0.05"/>
     </body>
   </worldbody>
@@ -36,15 +36,15 @@ MODEL = f"""
 """
 
 
-def path() -> list[tuple[float, float, float]]:
-    """Place, metres, and upward force, newton, of each frame: nine presses, then a slide along an arc."""
-    frames = [(0.0, 0.0, 0.5)] * QUIET
+def path(quiet: int) -> list[tuple[float, float, float]]:
+    """Place, metres, and upward force, newton, of each frame: none for the reference, nine presses, a slide along an arc."""
+    frames = [(0.0, 0.0, 0.5)] * quiet
     for k in range(9):
         angle, radius_m = 2.4 * k, 0.02 + 0.005 * k
         place = radius_m * np.cos(angle), radius_m * np.sin(angle)
         frames += [(*place, 0.5)] * 6 + [(*place, -0.6 - 0.1 * k)] * HOLD
     start = 0.05, 0.0
-    frames += [(*start, 0.5)] * 10 + [(*start, -1.0)] * 4
+    frames += [(*start, 0.5)] * 6 + [(*start, -1.0)] * HOLD
     frames += [(0.05 * np.cos(a), 0.05 * np.sin(a), -1.0) for a in np.linspace(0, 4, 80)]
     return frames + [(0.0, 0.0, 0.5)] * 10
 
@@ -66,7 +66,7 @@ def main() -> None:
     skin = eit.Skin.load("paper-disc")
     simulator, sensor = skin.simulator(seed=1), skin.sensor()
     rows = []
-    for x_m, y_m, force_n in path():
+    for x_m, y_m, force_n in path(sensor.reference_frames + 5):
         data.ctrl[:] = x_m, y_m, force_n
         for _ in range(round(FRAME_S / model.opt.timestep)):
             mujoco.mj_step(model, data)
@@ -93,11 +93,11 @@ def main() -> None:
 def draw(file: str, *places: "np.typing.NDArray[np.float64]") -> None:
     """Contacts of the simulator, and the touches found."""
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import patches, pyplot
 
     x, y, found_x, found_y = (1e3 * p for p in places)
-    figure, axes = pyplot.subplots(figsize=(5, 5))
-    axes.add_patch(pyplot.Circle((0, 0), 100, fill=False))
+    figure, axes = pyplot.subplots(figsize=(5, 5), layout="tight")
+    axes.add_patch(patches.Circle((0, 0), 100, fill=False))
     axes.plot(x, y, "o", markersize=9, markerfacecolor="none", label="MuJoCo's contact")
     axes.plot(found_x, found_y, ".", label="touch")
     axes.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")

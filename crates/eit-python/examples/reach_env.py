@@ -60,21 +60,22 @@ class EitReach(gymnasium.Env[Array, Array]):
 
     def _draw(self) -> NDArray[np.float64]:
         angle, radius_m = 2 * np.pi * self.np_random.random(), 0.07 * self.np_random.random() ** 0.5
-        return radius_m * np.array([np.cos(angle), np.sin(angle)])
+        return np.array([radius_m * np.cos(angle), radius_m * np.sin(angle)])
 
-    def _feel(self, contacts: list[list[float]]) -> NDArray[np.void] | None:
+    def _feel(self, contacts: list[list[float]]) -> np.void | None:
         """The strongest touch of the next frame."""
         frame = self._simulator.step(contacts, self.FRAME_S)
         shown = self._sensor.push(frame, self._simulator.time_s)
         if shown is None or len(shown) == 0:
             return None
-        touches: NDArray[np.void] = shown.touches[shown.touches["state"] != "end"]
-        return touches[np.argmax(np.abs(touches["intensity_s_m2"]))] if len(touches) else None
+        touches = [touch for touch in shown.touches if touch["state"] != "end"]
+        return max(touches, key=lambda touch: abs(touch["intensity_s_m2"]), default=None)
 
-    def _observe(self, touch: NDArray[np.void] | None) -> Array:
+    def _observe(self, touch: np.void | None) -> Array:
         felt = [0.0, 0.0] if touch is None else [touch["x_m"], touch["y_m"]]
         places = np.array([*self._goal, *felt]) / self.RADIUS_M
-        return np.clip([*places, float(touch is not None)], -1, 1).astype(np.float32)
+        seen = np.array([*places, float(touch is not None)], np.float32)
+        return seen.clip(-1, 1)
 
 
-gymnasium.register("EitReach-v0", entry_point=EitReach)
+gymnasium.register("EitReach-v0", entry_point=f"{__name__}:EitReach")
