@@ -9,10 +9,10 @@
 //!
 //! with the derivatives of [`crate::derivatives`]; only the part of the strain without dilation matters in two dimensions.
 //! The strain is Hencky's, so that the slope of a dent counts and large strains have the effect of small ones one after the
-//! other: with the displacement `U` in the plane, the deflection `W`, both as far as the rim lets them, and `D = grad U`,
+//! other: with the gradient `D` of the displacement `U`, as far as the rim lets it, and `P` the part of `U` in the plane,
 //!
 //! ```text
-//! E = ln(1 + D + D' + D' D + grad W grad W') / 2
+//! E = ln(1 + grad P + grad P' + D' D) / 2
 //! ```
 //!
 //! It is evaluated at centroids, from the closed forms of the dents with tabulated Bessel functions. Second order in `c` is left out: a disc whose conductivity changes by the factor `e^c` acts like
@@ -65,8 +65,8 @@ struct Tile {
     middle_m: Vector,
     /// Largest distance of a corner from the middle, metres.
     size_m: f64,
-    /// Unit vectors in its plane.
-    frame: [Vector; 2],
+    /// Unit vectors in its plane, and its normal.
+    frame: [Vector; 3],
     /// Fraction of the free displacement by which it moves, and its gradient, 1/m.
     follows: f64,
     rise: [f64; 2],
@@ -289,10 +289,10 @@ impl<'a> Profile<'a> {
         let offset_m = along(to, -dot(to, seat.normal), seat.normal);
         let (square, ratio) = (dot(to, to), stretch * stretch);
         let (square, gradient) = match ratio == 1.0 {
-            true => (square, offset_m),
+            true => (square, to),
             false => {
-                let x = dot(offset_m, *axis);
-                let across = scaled(ratio, along(offset_m, -x, *axis));
+                let x = dot(to, *axis);
+                let across = scaled(ratio, along(to, -x, *axis));
                 let square = x * x / ratio + (square - x * x).max(0.0) * ratio;
                 (square, along(across, x / ratio, *axis))
             }
@@ -324,28 +324,29 @@ impl<'a> Profile<'a> {
     }
 }
 
-/// Displacement and deflection of the free fabric at an element, with their gradients, in its frame.
+/// Displacement of the free fabric at an element, along its frame and its normal, and the gradient in its plane.
 #[derive(Default)]
 struct Moved {
-    along_m: [f64; 2],
+    along_m: [f64; 3],
     /// `[i][j]`: component `i` along `j`.
-    gradient: [[f64; 2]; 2],
-    deflection_m: f64,
-    slope: [f64; 2],
+    gradient: [[f64; 2]; 3],
 }
 
 impl Moved {
     #[inline(always)]
     fn add(&mut self, tile: &Tile, touch: &Placed, from: &From, felt: &Felt, half_m: f64) {
         let within = |v: Vector| tile.frame.map(|axis| dot(axis, v));
-        let Felt { slope, across, areal_strain, .. } = *felt;
-        let (r, offset_m, outward) = (from.distance_m, within(from.offset_m), within(from.outward));
+        let Felt { slope, across, areal_strain, deflection_m, .. } = *felt;
+        let (r, [x, y, _]) = (from.distance_m, within(from.outward));
+        let (outward, normal) = ([x, y], within(touch.seat.normal));
         let bend = from.per_m * (areal_strain - 0.5 * slope * slope - 2.0 * across);
-        self.deflection_m += felt.deflection_m;
-        self.slope = [0, 1].map(|k| self.slope[k] + slope * outward[k]);
-        self.shift(offset_m, across, bend, outward);
-        self.gradient[0][0] += across;
-        self.gradient[1][1] += across;
+        self.shift(within(from.offset_m), across, bend, outward);
+        for (i, row) in self.gradient.iter_mut().enumerate() {
+            for (j, entry) in row.iter_mut().enumerate() {
+                *entry += across * (if i == j { 1.0 } else { 0.0 } - normal[i] * normal[j]);
+            }
+        }
+        self.shift(normal, -deflection_m, -slope, outward);
         if touch.drag_m != [0.0; 3] && r < half_m {
             let fall = if r > touch.dent.contact_radius_m { -from.per_m } else { 0.0 };
             self.shift(within(touch.drag_m), felt.dragged, fall, outward);
@@ -354,7 +355,7 @@ impl Moved {
 
     /// Adds a displacement along a vector, whose amount has the gradient `rise` along `outward`.
     #[inline(always)]
-    fn shift(&mut self, along_m: [f64; 2], amount: f64, rise: f64, outward: [f64; 2]) {
+    fn shift(&mut self, along_m: [f64; 3], amount: f64, rise: f64, outward: [f64; 2]) {
         for (i, part_m) in along_m.into_iter().enumerate() {
             self.along_m[i] += amount * part_m;
             self.gradient[i] = [0, 1].map(|j| self.gradient[i][j] + rise * part_m * outward[j]);
@@ -364,12 +365,11 @@ impl Moved {
     #[inline(always)]
     fn strain(&self, tile: &Tile) -> Strain {
         let Tile { follows, rise, .. } = tile;
-        let d: [[f64; 2]; 2] = std::array::from_fn(|i| {
+        let d: [[f64; 2]; 3] = std::array::from_fn(|i| {
             [0, 1].map(|j| follows * self.gradient[i][j] + self.along_m[i] * rise[j])
         });
-        let w = [0, 1].map(|j| follows * self.slope[j] + self.deflection_m * rise[j]);
         let twice_green = |i: usize, j: usize| {
-            d[i][j] + d[j][i] + d[0][i] * d[0][j] + d[1][i] * d[1][j] + w[i] * w[j]
+            d[i][j] + d[j][i] + d.iter().map(|row| row[i] * row[j]).sum::<f64>()
         };
         let [c11, c22, c12] = [1.0 + twice_green(0, 0), 1.0 + twice_green(1, 1), twice_green(0, 1)];
         // half the logarithm of a symmetric matrix, by its eigenvalues
@@ -395,7 +395,7 @@ fn tiles(fabric: &Fabric) -> Vec<Tile> {
         let (middle_m, size_m) = fabric.elements.middle(t);
         let up = unit(normal(corners));
         let first = unit(sub(corners[1], corners[0]));
-        let frame = [first, cross(up, first)];
+        let frame = [first, cross(up, first), up];
         let follows = nodes.map(|n| fabric.motion.follows(n));
         // gradient of the linear function of its corners
         let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
@@ -405,7 +405,7 @@ fn tiles(fabric: &Fabric) -> Vec<Tile> {
             scaled(1.0 / double_area, along(scaled(f1, cross(e2, up)), f2, cross(up, e1)));
         let shear = |strain: Strain| {
             let pull = |v: Vector| {
-                let [x, y] = frame.map(|axis| dot(axis, v));
+                let [x, y, _] = frame.map(|axis| dot(axis, v));
                 let [s11, s22, s12, turn] = strain;
                 let pulled = scaled(s11 * x + (s12 - turn) * y, frame[0]);
                 along(pulled, (s12 + turn) * x + s22 * y, frame[1])
@@ -420,7 +420,7 @@ fn tiles(fabric: &Fabric) -> Vec<Tile> {
             size_m,
             frame,
             follows: follows.iter().sum::<f64>() / 3.0,
-            rise: frame.map(|axis| dot(axis, gradient)),
+            rise: [0, 1].map(|k| dot(frame[k], gradient)),
             shears: [0, 1].map(|k| units.map(|unit| unit[k])),
         }
     };
@@ -434,7 +434,7 @@ fn stretches(mesh: &Mesh, tiles: &[Tile]) -> Vec<Vec<(usize, Strain)>> {
     let of_edge = |[a, b]: &[u32; 2]| {
         let beside = surface.triangles().iter().position(|t| t.contains(a) && t.contains(b))?;
         let edge = sub(place(*b), place(*a));
-        let [x, y] = tiles[beside].frame.map(|axis| dot(axis, unit(edge)));
+        let [x, y, _] = tiles[beside].frame.map(|axis| dot(axis, unit(edge)));
         Some((beside, norm(edge), [x * x, y * y, 2.0 * x * y, 0.0]))
     };
     let of_electrode = |electrode: &Electrode| {
