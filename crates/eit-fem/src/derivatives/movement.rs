@@ -20,7 +20,9 @@ use crate::model::Grain;
 use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use ndarray::{Array2, ArrayViewMut2, Axis};
+#[cfg(feature = "fabric")]
+use ndarray::Array2;
+use ndarray::{ArrayViewMut2, Axis};
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
@@ -163,6 +165,7 @@ impl Moves {
 
 /// Derivatives with respect to `S22 - S11` and `-2 S12` of each triangle ([`strain`]), [product, 2 triangle + component], for
 /// the first measurement of each product.
+#[cfg(feature = "fabric")]
 pub(crate) fn shears(solved: &SolvedFields<'_>) -> Array2<f64> {
     let fields = &solved.model.fields;
     let elements: Vec<usize> = (0..solved.conductivity_s.len()).collect();

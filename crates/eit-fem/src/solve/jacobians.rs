@@ -140,6 +140,7 @@ impl Solution<'_> {
     }
 
     /// Derivatives with respect to shears of the elements, one row per set of measurements ([`movement::shears`]).
+    #[cfg(feature = "fabric")]
     pub(crate) fn shear_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
         let (solved, _) = self.solved_fields();
         check_linear(solved.model, "derivatives along shears")?;
