@@ -92,7 +92,10 @@ def test_a_waiting_iterator_ends_with_ctrl_c(tmp_path: Path) -> None:
     text = eit_command("plan", "paper-disc", "--print-scene")
     scene.write_text(text + '\n[instrument]\ndriver = "eits1"\n')
     command = [os.environ["EIT"], "emulate", str(scene), "--port", str(port)]
+    # a program that was started in the background ignores Ctrl-C
     code = f"""
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import eit
 for frame in eit.Skin.load({str(scene)!r}).open({str(port)!r}):
     print(frame.state, flush=True)
@@ -110,7 +113,7 @@ for frame in eit.Skin.load({str(scene)!r}).open({str(port)!r}):
             board.send_signal(signal.SIGSTOP)
             time.sleep(0.5)
             reader.send_signal(signal.SIGINT)
-            assert "KeyboardInterrupt" in reader.communicate(timeout=5)[1]
+            assert "KeyboardInterrupt" in reader.communicate(timeout=60)[1]
         finally:
             reader.kill()
             board.kill()
