@@ -1,5 +1,5 @@
 // Prints the touches of frames on standard input, a line of comma-separated volts each, such as those of
-// `eit simulate paper-disc --out frames.csv`. usage: touches SCENE FRAMES_PER_SECOND < frames.csv
+// `eit simulate paper-disc --out frames.csv`; the first 40 are the reference. usage: touches SCENE FRAMES_PER_SECOND < frames.csv
 #include "eit_skin.h"
 #include <stdio.h>
 #include <stdlib.h>
