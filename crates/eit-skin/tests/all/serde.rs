@@ -45,7 +45,7 @@ fn a_touch_survives_and_has_points_of_mint() {
 #[test]
 fn touches_of_a_recording_survive() {
     let text = json!({
-        "rows": [{"frame": 4, "time_s": 0.2, "touch": touch()}], "frames": 5, "rate_hz": 20.0, "level_s": 1e-7,
+        "rows": [{"frame": 4, "time_s": 0.2, "touch": touch()}], "frames": 5, "first_frame": 0, "rate_hz": 20.0, "level_s": 1e-7,
         "choices": {
             "noise": "stated", "sheet": null, "rows": 104, "places": 300, "blind_places": 0, "radius_m": 0.01,
             "least_s_m2": 1e-10
