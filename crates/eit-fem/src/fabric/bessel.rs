@@ -88,7 +88,7 @@ fn k_by_integral(x: f64) -> [f64; 2] {
     }
 }
 
-/// [`k_scaled`] by linear interpolation over `1 / (1 + x)`: to 1e-4 from x = 0.005 to 20.
+/// [`k_scaled`] by linear interpolation over `1 / (1 + x)`: to 1e-3 from x = 0.005 to 20.
 #[derive(Debug, Clone)]
 pub(super) struct KTable {
     values: Vec<[f64; 2]>,

@@ -137,6 +137,8 @@ fn an_error_leaves_the_skin_as_it_was() {
         (Contact { position_m: [f64::NAN, 0.0], ..finger }, 0.1),
         (finger, 0.0),
         (finger, f64::INFINITY),
+        (finger, f64::MIN_POSITIVE),
+        (finger, 1e9),
     ];
     for k in 0..4 {
         for (contact, dt_s) in wrong {
