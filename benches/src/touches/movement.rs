@@ -25,12 +25,12 @@ type Case = (&'static str, &'static str, u64, bool);
 /// In the last two nothing moves, so they show the cost of allowing for movement. A quick run takes
 /// the first and the last.
 const CASES: [Case; 6] = [
-    ("one finger", "paper-one-finger", 601, false),
-    ("two fingers", "paper-two-fingers", 602, false),
+    ("one finger", "one-finger", 601, false),
+    ("two fingers", "two-fingers", 602, false),
     ("stroking", "stroking", 603, false),
     ("random", "random", 604, false),
-    ("two fingers, rigid rim", "paper-two-fingers", 605, true),
-    ("one finger, rigid rim", "paper-one-finger", 606, true),
+    ("two fingers, rigid rim", "two-fingers", 605, true),
+    ("one finger, rigid rim", "one-finger", 606, true),
 ];
 
 /// Simulates the scripts; rows of images for each method, and of touches, without and with the

@@ -11,8 +11,8 @@ use eit_skin::method::Method;
 const EDGES: [f64; 8] = [0.0, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999, 1.0];
 /// Scripts with their seeds; a quick run takes the last.
 const SCRIPTS: [(&str, u64); 6] = [
-    ("paper-one-finger", 701),
-    ("paper-two-fingers", 702),
+    ("one-finger", 701),
+    ("two-fingers", 702),
     ("stroking", 703),
     ("tapping", 704),
     ("closing-in", 705),

@@ -65,9 +65,9 @@ pub(crate) enum ColorWhen {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Run the paper's two experiments on a simulated fabric, from voltages to touches.
+    /// Run two experiments on a simulated fabric, from voltages to touches; with --paper, those of the paper.
     ///
-    /// Simulates one finger and two fingers on a stretched fabric, sends the frames through an emulated
+    /// Simulates one finger and two fingers on a stretched fabric, ten times as fast as in the paper, sends the frames through an emulated
     /// instrument on a pseudo-terminal (or TCP if there is none), reads and records them with its driver,
     /// reconstructs them by total variation as they arrive, denoises them with the U-net, and tracks the
     /// touches. Writes report.html (opens in any browser, without network), its pictures, and recordings from
@@ -135,9 +135,9 @@ pub(crate) enum Command {
     /// drifts; an instrument measures. The scene's fabric tables contain the parameters (docs/FABRIC.md);
     /// effects with amplitude zero are omitted.
     ///
-    /// Built-in scripts: paper-one-finger, paper-two-fingers (the experiments of the paper), random,
-    /// press-and-hold, tapping, stroking, closing-in. The script used is written to script.toml, as a
-    /// template for your own.
+    /// Built-in scripts: paper-one-finger, paper-two-fingers (the experiments of the paper, one frame per second),
+    /// one-finger, two-fingers (like them, ten times as fast), random, press-and-hold, tapping, stroking,
+    /// closing-in. The script used is written to script.toml, as a template for your own.
     ///
     /// Continue with: eit reconstruct DIR/scene.toml --out images
     Simulate(SimulateArgs),
@@ -263,15 +263,19 @@ pub(crate) enum Command {
 /// `eit demo`
 #[derive(Debug, Args)]
 pub(crate) struct DemoArgs {
-    /// Folder for the results.
-    #[arg(long, value_name = "DIR", default_value = "demo-out")]
-    pub out: PathBuf,
+    /// Folder for the results [default: demo-out; paper-out with --paper].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Write into a folder even if it contains other files.
     #[arg(long)]
     pub force: bool,
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
+    /// Make a page laid out like the paper's figures instead: its experiments at one frame per second, images by its
+    /// equation (7), the nets of its two trainings on both experiments, and pressures; two minutes.
+    #[arg(long, conflicts_with_all = ["quick", "web", "NetworkArgs"])]
+    pub paper: bool,
     /// Options of the live page.
     #[command(flatten)]
     pub page: PageArgs,
@@ -357,7 +361,7 @@ pub(crate) struct SimulateArgs {
     /// Scene file or built-in scene.
     pub scene: String,
     /// Built-in touch script, or a file: F.toml.
-    #[arg(long, value_name = "NAME|F.toml", default_value = "paper-one-finger")]
+    #[arg(long, value_name = "NAME|F.toml", default_value = "one-finger")]
     pub script: String,
     /// Seed of all random quantities: fabric, drift, noise, the script "random".
     #[arg(long, value_name = "N", default_value_t = 1)]

@@ -17,7 +17,7 @@ pub fn run() -> Result<[f64; 2], Box<dyn Error>> {
     let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.01))?;
     let protocol = PairProtocol { current_a: 1e-4, ..Default::default() }.protocol()?;
     let fabric = Fabric::new(&mesh, &protocol, 1e-5, &[1e3; 16], &FabricSettings::default())?;
-    let mut script = TouchScript::built_in("paper-one-finger", &PlayCircle::of(&mesh), 1)?;
+    let mut script = TouchScript::built_in("one-finger", &PlayCircle::of(&mesh), 1)?;
     script.frames = 30;
     let raster = Raster::new(mesh.surface(), 32)?;
     let settings = SimulationSettings::default();

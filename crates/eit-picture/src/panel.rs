@@ -14,6 +14,10 @@ use crate::{
 
 /// Half the length of a marker's strokes, in points.
 const MARK_ARM: f64 = 5.0;
+/// Arrows of this length and shorter ones are left out, in points.
+const LEAST_ARROW: f64 = 2.0;
+/// Length of an arrow's head, in points.
+const HEAD: f64 = 6.0;
 /// Width of an electrode's arc, in points.
 const ELECTRODE_WIDTH: f64 = 4.0;
 /// Minimum side of the drawn skin, in points, however narrow the skin.
@@ -204,6 +208,38 @@ impl Panel {
             for (width, colour) in [(3.0, WHITE), (1.2, INK)] {
                 canvas.stroke(&[[x - MARK_ARM, y], [x + MARK_ARM, y]], width, colour, 1.0);
                 canvas.stroke(&[[x, y - MARK_ARM], [x, y + MARK_ARM]], width, colour, 1.0);
+            }
+        }
+    }
+
+    /// Draws arrows on the panel, dark on a light ground.
+    pub(crate) fn draw_arrows(
+        &self,
+        canvas: &mut Canvas,
+        corner: [f64; 2],
+        arrows_m: &[[[f64; 2]; 2]],
+    ) {
+        for arrow in arrows_m {
+            let [from, to] = arrow.map(|point| {
+                let [x, y] = self.to_page(point);
+                [corner[0] + x, corner[1] + y]
+            });
+            let way = [to[0] - from[0], to[1] - from[1]];
+            let length = way[0].hypot(way[1]);
+            // also false for coordinates that are not finite
+            if !(length > LEAST_ARROW && length < self.size[0].hypot(self.size[1])) {
+                continue;
+            }
+            let head = HEAD.min(length / 2.0) / length;
+            let side = |turn: f64| {
+                [
+                    to[0] - head * (way[0] - turn * way[1] / 2.0),
+                    to[1] - head * (way[1] + turn * way[0] / 2.0),
+                ]
+            };
+            for (width, colour) in [(3.4, WHITE), (1.6, INK)] {
+                canvas.stroke(&[from, to], width, colour, 1.0);
+                canvas.stroke(&[side(1.0), to, side(-1.0)], width, colour, 1.0);
             }
         }
     }

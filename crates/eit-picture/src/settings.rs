@@ -38,6 +38,8 @@ pub struct PictureSettings {
     pub labels: FrameLabels,
     /// Positions to mark in each frame, metres; empty, or one list per frame.
     pub marks_m: Vec<Vec<[f64; 2]>>,
+    /// Arrows over each frame, from and to, metres; empty, or one list per frame.
+    pub arrows_m: Vec<Vec<[[f64; 2]; 2]>>,
     /// Images per row of a sheet (`None`: chosen for a page-like shape); in an animation, images
     /// per frame, shown side by side and taken in groups of this size.
     pub columns: Option<usize>,
@@ -61,6 +63,7 @@ impl Default for PictureSettings {
             range: None,
             labels: FrameLabels::Number,
             marks_m: Vec::new(),
+            arrows_m: Vec::new(),
             columns: None,
             smooth: true,
             zoom: 2,

@@ -65,6 +65,7 @@ pub(crate) struct ImageSheet<'a> {
     pub(crate) chosen: Vec<usize>,
     labels: Vec<String>,
     marks_m: Vec<Vec<[f64; 2]>>,
+    arrows_m: Vec<Vec<[[f64; 2]; 2]>>,
     pub(crate) scale: Scale,
     panel: Panel,
     pub(crate) page: Page,
@@ -112,7 +113,10 @@ impl<'a> ImageSheet<'a> {
         );
         let of = |frame: &usize| settings.marks_m.get(*frame).cloned().unwrap_or_default();
         let marks_m = chosen.iter().map(of).collect();
-        Ok(Self { images, smooth: settings.smooth, chosen, labels, marks_m, scale, panel, page })
+        let of = |frame: &usize| settings.arrows_m.get(*frame).cloned().unwrap_or_default();
+        let arrows_m = chosen.iter().map(of).collect();
+        let smooth = settings.smooth;
+        Ok(Self { images, smooth, chosen, labels, marks_m, arrows_m, scale, panel, page })
     }
 
     /// Draws the `k`-th selected frame into a panel of the page.
@@ -122,6 +126,7 @@ impl<'a> ImageSheet<'a> {
         self.panel.draw_image(canvas, corner, image, &self.scale, self.smooth);
         self.panel.draw_skin(canvas, corner);
         self.panel.draw_marks(canvas, corner, &self.marks_m[k]);
+        self.panel.draw_arrows(canvas, corner, &self.arrows_m[k]);
         self.page.label(canvas, corner, &self.labels[k]);
     }
 }
@@ -248,6 +253,25 @@ mod tests {
         // points
         assert_eq!(pixel(214 + 92, 214), red);
         assert_eq!(pixel(214 - 92, 214), ColorMap::CoolWarm.color(0.5));
+    }
+
+    /// An arrow is drawn where it is, and one without length or end is not.
+    #[test]
+    fn arrows_are_drawn_from_end_to_end() {
+        let drawn = |arrow: [[f64; 2]; 2]| {
+            let settings = PictureSettings { arrows_m: vec![vec![arrow]], ..small() };
+            let images = ndarray::Array3::zeros((1, 64, 64));
+            let canvas = draw_sheet(images.view(), &disc(4), &settings).unwrap();
+            let dark = |at: usize| canvas.rgb()[3 * at] < 100;
+            let width = canvas.size_px()[0];
+            // the row of the middle, between the electrodes
+            (60..360).filter(|x| dark(214 * width + x)).collect::<Vec<_>>()
+        };
+        let shown = drawn([[-0.05, 0.0], [0.05, 0.0]]);
+        assert!((170..200).contains(&shown.len()), "{} pixels", shown.len());
+        assert!(shown[0] > 115 && shown[0] < 130 && *shown.last().unwrap() > 300, "{shown:?}");
+        assert_eq!(drawn([[0.0; 2]; 2]), [0; 0]);
+        assert_eq!(drawn([[0.0; 2], [f64::NAN, 0.0]]), [0; 0]);
     }
 
     /// One hot pixel, a thousand times as strong as the touch, leaves the touch in full colour, and the footnote counts

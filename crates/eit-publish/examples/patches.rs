@@ -80,7 +80,6 @@ fn touch(sequence: u64) -> Touch {
         normal: Some([0.0, 0.0, 1.0]),
         position_covariance_m2: [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0; 3]],
         velocity_m_s: [-0.25 * y, 0.25 * x, 0.0],
-        area_m2: None,
         intensity_s_m2: 2.5e-11,
         intensity_std_s_m2: Some(1e-12),
         peak_s: 1e-6,

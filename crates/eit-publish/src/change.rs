@@ -92,7 +92,6 @@ mod tests {
             normal: None,
             position_covariance_m2: [[0.0; 3]; 3],
             velocity_m_s: [0.0; 3],
-            area_m2: None,
             intensity_s_m2: -1e-11,
             intensity_std_s_m2: None,
             peak_s: 0.0,

@@ -4,7 +4,7 @@ import numpy as np
 
 import eit
 
-simulation = eit.Skin.load("paper-disc").simulate("paper-one-finger", seed=1, frames=60)
+simulation = eit.Skin.load("paper-disc").simulate("one-finger", seed=1, frames=60)
 touches = simulation.skin.touches(simulation.frames)
 touches = touches[touches["valid"]]
 

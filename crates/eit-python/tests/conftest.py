@@ -33,7 +33,7 @@ class Case(NamedTuple):
 NET = '\n[denoise]\nweights = "default"\n'
 # name, scene, script, further settings, reference, method, format of the frames
 CASES = [
-    ("paper", "paper-disc", "paper-one-finger", "", None, None, "npy"),
+    ("paper", "paper-disc", "one-finger", "", None, None, "npy"),
     ("net", "paper-disc", "tapping", NET, None, "gauss-newton", "mcap"),
     ("plate", "plate-with-hole", "random", "", "0..12", "tv", "csv"),
 ]

@@ -155,7 +155,7 @@ def test_examples(name: str, tmp_path: Path) -> None:
 
 
 def test_example_of_live_touches(tmp_path: Path) -> None:
-    line = ["--script", "paper-one-finger", "--frames", 40, "--nodes", 2500]
+    line = ["--script", "one-finger", "--frames", 40, "--nodes", 2500]
     eit_command("simulate", "paper-disc", *line, "--out", tmp_path / "out")
     scene, played = tmp_path / "out" / "scene.toml", tmp_path / "played.mcap"
     eit_command("convert", tmp_path / "out" / "frames.npy", "--scene", scene, "--out", played)
@@ -169,7 +169,7 @@ def test_the_readmes_run(tmp_path: Path) -> None:
 
 
 def test_steps_are_the_frames_of_a_simulation(skin: eit.Skin) -> None:
-    made = skin.simulate("paper-two-fingers", seed=3, frames=40, nodes=900)
+    made = skin.simulate("two-fingers", seed=3, frames=40, nodes=900)
     simulator = skin.simulator(seed=3, nodes=900)
     assert np.isnan(simulator.time_s) and simulator.exact is None
     for number, wanted in enumerate(made.frames):

@@ -2,6 +2,7 @@
 //! a single command.
 
 mod gauss_newton;
+mod pressures;
 mod total_variation;
 pub(super) mod touches;
 
@@ -95,6 +96,11 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         out.write("touches.csv", |w| touches::write_csv(found, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
+    let pressures = done.pressures()?;
+    if let (Some(pressures), Some(found)) = (&pressures, found) {
+        pressures::write(&mut out, pressures, found, &drawing, &settings, frames.rate_hz)?;
+        notes.push(pressures::note(pressures, done.net.is_some()));
+    }
     let images = done.images.values.view();
     let untouched = found.filter(|found| found.count() == 0);
     let least_s = untouched.map_or(0.0, |found| RANGE_IN_LEVELS * found.level_s);
@@ -104,12 +110,14 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     }
     let remarks = Remarks { notes, shown };
     let mut report = report(&done, &made, &remarks, progress);
+    report["pressure"] = json!(pressures.as_ref().map(pressures::json));
     report["touches"] = touches::touches_json(found);
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let line = touches::line(found);
     let text = format!("{line}\n{}", text(&done, &made, &remarks, &out));
-    out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
+    let own = ["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"];
+    out.commit(&[&own[..], &pressures::FILES[..]].concat())?;
     Ok(Answer { text, json })
 }
 

@@ -1,7 +1,7 @@
 //! `eit report`: error against run time of every solver on every built-in scene, on this machine.
 //!
 //! A scene consists of a skin, two slowly moving fingers (once soft, once with a sharp edge) and
-//! noise, or of the paper's experiments on the simulated fabric. Data are simulated on a finer mesh
+//! noise, or of fingers on the simulated fabric. Data are simulated on a finer mesh
 //! than that of the reconstruction. A direct method gives one point; an iterative one gives a curve
 //! over the target gaps, each from a cold start. The forward problem of every skin is solved on
 //! many meshes; some skins are included only for that. Each time is accompanied by its floor: the

@@ -36,6 +36,7 @@ pub mod one_step;
 pub mod plan;
 #[cfg(any(feature = "first-scene", feature = "learn"))]
 mod press_watch;
+mod pressure;
 mod progress;
 #[cfg(feature = "complex")]
 pub mod reactive;
@@ -72,6 +73,7 @@ pub use live::{
     LiveModel, LiveObserver, LiveStream, Next, Sensor, SkinState, TouchFields, TouchFrame,
 };
 pub use movement::WithoutMovement;
+pub use pressure::{MeanPressure, Pressures};
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use reconstruct::{ImageSolver, Images, Reconstruction};
 pub use scene::Scene;

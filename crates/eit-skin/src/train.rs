@@ -21,6 +21,8 @@ use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::stop::StopFlag;
 use eit_denoise::{BaseSettings, LearningBase, Part, Shard};
+#[cfg(feature = "train")]
+use ndarray::{ArrayView2, Axis};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -57,8 +59,11 @@ pub struct BaseRequest {
     pub wanted: Wanted,
     /// Recordings to learn from instead of simulated touches.
     pub recording: Vec<PathBuf>,
-    /// Number of sequences, one in six of which is held out.
+    /// Number of sequences, one in six of which is held out; not used with `pairs`.
     pub sequences: usize,
+    /// As in the paper: train on this many pairs of the recordings and, once these have no more, of one turned or
+    /// mirrored copy of each. Frames without a touch do not count; nothing is held out or augmented.
+    pub pairs: Option<usize>,
     /// Seed of all random quantities.
     pub seed: u64,
 }
@@ -88,10 +93,21 @@ impl BaseRequest {
                 "a built-in script and a recording have the tips that they have",
             ));
         }
-        if self.sequences < 2 {
+        if self.pairs.is_some() && self.recording.is_empty() {
+            return Err(SkinError::argument("pairs", "only of recordings"));
+        }
+        if self.sequence_count() < 2 {
             return Err(SkinError::argument("sequences", "at least 2, as one is held out"));
         }
         Ok(())
+    }
+
+    /// Number of sequences to make.
+    pub fn sequence_count(&self) -> usize {
+        match self.pairs {
+            Some(_) => 2 * self.recording.len(),
+            None => self.sequences,
+        }
     }
 }
 
@@ -115,7 +131,7 @@ pub fn base(
         skin: sequences.skin().fingerprint.clone(),
         pixels: sequences.pixels(),
         seed: request.seed,
-        shards: request.sequences,
+        shards: request.sequence_count(),
         recipe: sequences.recipe(),
     };
     let mut base = match part {
@@ -187,6 +203,37 @@ pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError
         list.push(base.read(index)?);
     }
     Ok((train, held_out))
+}
+
+/// Reads the first `count` pairs of a base with a touch, in order: the wanted image is not empty, and a touch was found
+/// where touches were sought.
+///
+/// # Errors
+///
+/// A base that is incomplete or damaged, or has fewer pairs.
+#[cfg(feature = "train")]
+fn first_pairs(base: &LearningBase, count: usize) -> Result<Vec<Shard>, SkinError> {
+    let (mut left, mut pairs) = (count, Vec::new());
+    for index in 0..base.settings().shards {
+        let shard = base.read(index)?;
+        let is_any = |values: ArrayView2<'_, f32>| values.iter().any(|v| *v != 0.0 && !v.is_nan());
+        let has_touch = |frame: &usize| {
+            let found =
+                shard.touches.as_ref().map(|found| is_any(found.index_axis(Axis(0), *frame)));
+            is_any(shard.wanted.index_axis(Axis(0), *frame)) && found.unwrap_or(true)
+        };
+        let frames: Vec<usize> = (0..shard.wanted.dim().0).filter(has_touch).take(left).collect();
+        left -= frames.len();
+        if !frames.is_empty() {
+            pairs.push(shard.of_frames(&frames));
+        }
+    }
+    if left > 0 {
+        let most = count - left;
+        let why = format!("{count}, but the recordings and a turned copy of each have {most}");
+        return Err(SkinError::argument("pairs", why));
+    }
+    Ok(pairs)
 }
 
 #[cfg(test)]

@@ -58,15 +58,15 @@ const fn scripted(name: &'static str, script: &'static str, seed: u64, most: usi
 
 /// One finger of the paper with another tip.
 const fn tips(name: &'static str, seed: u64, touch: fn(&mut TouchScript, &PlayCircle)) -> Scripted {
-    Scripted { touch, ..scripted(name, "paper-one-finger", seed, 140) }
+    Scripted { touch, ..scripted(name, "one-finger", seed, 140) }
 }
 
 const fn noisy(name: &'static str, script: &'static str, seed: u64, noise_db: f64) -> Scripted {
     Scripted { noise_db: Some(noise_db), ..scripted(name, script, seed, 140) }
 }
 
-const ONE: &str = "paper-one-finger";
-const TWO: &str = "paper-two-fingers";
+const ONE: &str = "one-finger";
+const TWO: &str = "two-fingers";
 
 /// The cases of `weights/README.md`: inside the training's range, at its edges and beyond.
 const SCRIPTED: [Scripted; 26] = [

@@ -122,6 +122,10 @@ pub(crate) struct PairsArgs {
     /// last sixth of the recordings is held out, at least one, or the last sixth of a single one.
     #[arg(long, value_name = "F")]
     pub recording: Vec<PathBuf>,
+    /// As in the paper: train on N pairs of --recording and, once it has no more, of a turned or mirrored copy. Frames
+    /// without a touch do not count; nothing is held out or augmented.
+    #[arg(long, value_name = "N", requires = "recording", conflicts_with = "sequences")]
+    pub pairs: Option<usize>,
     /// Simulate this built-in script on the scene's own fabric, with another seed for each sequence,
     /// instead of random touches on random fabrics.
     #[arg(long, value_name = "NAME", conflicts_with = "recording")]

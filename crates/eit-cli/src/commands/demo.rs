@@ -13,7 +13,13 @@ use std::sync::{Mutex, PoisonError};
 
 /// Runs the demo until its end or Ctrl-C; with a page, repeats its experiments until Ctrl-C.
 pub(super) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
-    let settings = DemoSettings { out: args.out.clone(), force: args.force, quick: args.quick };
+    let usual = if args.paper { "paper-out" } else { "demo-out" };
+    let out = args.out.clone().unwrap_or_else(|| usual.into());
+    let settings = DemoSettings { out, force: args.force, quick: args.quick };
+    if args.paper {
+        let stop = interrupt::listen()?;
+        return Ok(demo::paper::run(&settings, &stop, &mut progress::terminal())?);
+    }
     let published = open(args)?.map(Mutex::new);
     let stop = interrupt::listen()?;
     let watch = |name: &str, model: &LiveModel, shown: &TouchFrame<'_>| {
@@ -35,7 +41,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
             println!("{}", printable(&std::mem::take(&mut answer.text)));
         }
         eprintln!("eit: the page repeats both experiments; Ctrl-C ends it");
-        published.repeat(&args.out)?;
+        published.repeat(&settings.out)?;
     }
     match published.failure {
         Some(failure) => return Err(failure),

@@ -32,11 +32,11 @@ fn base(args: &BaseArgs) -> Result<Answer, CliError> {
     let stop = interrupt::listen()?;
     let (folder, part) = (&args.out, args.shard);
     let base = train::base(&request, &sequences, folder, part, threads, &stop, &mut progress)?;
-    let missing = request.sequences - base.complete();
+    let missing = request.sequence_count() - base.complete();
     let json = json!({
         "scene": scene.name,
         "base": folder.display().to_string(),
-        "sequences": request.sequences,
+        "sequences": request.sequence_count(),
         "missing": missing,
         "frames": base.frames(),
         "part": part.map(|part| part.to_string()),
@@ -78,6 +78,7 @@ impl PairsArgs {
             wanted: if args.wanted == "rule" { Wanted::Rule } else { Wanted::Truth },
             recording: args.recording,
             sequences: args.sequences,
+            pairs: args.pairs,
             seed: args.seed,
         };
         request.validate()?;

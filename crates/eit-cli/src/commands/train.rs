@@ -30,7 +30,7 @@ pub(super) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         first,
         device: &device,
         checkpoint: &args.out.with_extension("checkpoint"),
-        made_by: [&format!("eit {}", env!("CARGO_PKG_VERSION")), env!("EIT_COMMIT")],
+        made_by: concat!("eit ", env!("CARGO_PKG_VERSION")),
         threads,
         stop: &interrupt::listen()?,
     };
@@ -53,7 +53,7 @@ fn answer(
     bytes: usize,
     progress: &Progress,
 ) -> Result<Answer, CliError> {
-    let Trained { weights, trainer, base, scores, judge, .. } = trained;
+    let Trained { weights, trainer, base, frames, scores, judge, .. } = trained;
     let (trainer, judge) = (trainer.as_ref(), judge.as_ref());
     let epochs = trainer.map_or(0, |trainer| trainer.curve().len());
     let status = trainer.map_or("not trained", |trainer| match trainer.status() {
@@ -68,7 +68,7 @@ fn answer(
         "base": folder.display().to_string(),
         "base_checksum": base.checksum()?,
         "from": trained.from,
-        "examples": base.frames(),
+        "examples": frames,
         "parameters": shape.parameters(),
         "multiply_adds": shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
         "device": args.device.name(),
@@ -90,12 +90,12 @@ fn answer(
     };
     let judged =
         judge.map_or_else(String::new, |judge| format!("\njudge: {}", judge.counts.description()));
+    let tested = if args.pairs.pairs.is_some() { "learnt" } else { "held-out" };
     let text = format!(
-        "{} frames of {} sequences in {folder}\n{} weights, {epochs} epochs ({status}), held-out error {:.4}\n\
-         held-out sequences: {}{judged}\nwritten to {out} ({kilobytes} kB), learning curve beside it\nnext: \
+        "{frames} frames of {} sequences in {folder}\n{} weights, {epochs} epochs ({status}), {tested} error {:.4}\n\
+         {tested} sequences: {}{judged}\nwritten to {out} ({kilobytes} kB), learning curve beside it\nnext: \
          [denoise] weights = \"{out}\" in the scene{or_apply}",
-        base.frames(),
-        args.pairs.sequences,
+        base.settings().shards,
         shape.parameters(),
         error.unwrap_or(f64::NAN),
         scores.description(),

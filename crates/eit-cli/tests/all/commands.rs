@@ -98,7 +98,7 @@ fn limits_of_the_contact_impedance_are_scenes() {
 /// Few frames of the simulated fabric: frames.npy, and their scene.
 fn simulated(folder: &Folder) -> String {
     let out = folder.path("simulated");
-    let script = "--script paper-two-fingers --frames 30 --nodes 2500";
+    let script = "--script two-fingers --frames 30 --nodes 2500";
     succeed(format!("simulate paper-disc {script} --out {out}"));
     out
 }

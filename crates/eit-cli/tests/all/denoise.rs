@@ -257,13 +257,12 @@ fn two_processes_make_one_base() {
 fn a_base_of_the_papers_script_and_rule() {
     let folder = Folder::new();
     let (scene, out) = (folder.scene(SMALL_IMAGES), folder.path("paper"));
-    let how =
-        "--wanted rule --script paper-one-finger --method gauss-newton --sequences 2 --frames 40";
+    let how = "--wanted rule --script one-finger --method gauss-newton --sequences 2 --frames 40";
     let line = format!("net base {scene} --out {out} {how} --threads 1");
     succeed(&line);
     let base = eit_denoise::LearningBase::open(&out).unwrap();
     let recipe = &base.settings().recipe;
-    assert!(recipe.contains("script paper-one-finger, wanted Rule"), "{recipe}");
+    assert!(recipe.contains("script one-finger, wanted Rule"), "{recipe}");
     let shards = [0, 1].map(|index| base.read(index).unwrap());
     assert_ne!(shards[0].raw, shards[1].raw);
     for shard in &shards {

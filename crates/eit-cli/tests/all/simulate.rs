@@ -143,7 +143,7 @@ fn bad_scripts_and_settings_are_one_line() {
     // frames that would all be quiet: the option is named, and how many there are
     let said = refuse(format!("simulate paper-disc --frames 20 --out {out}.npy"));
     let output =
-        "--frames: 20, but the script paper-one-finger begins with 20 frames of the untouched skin";
+        "--frames: 20, but the script one-finger begins with 20 frames of the untouched skin";
     assert!(said.contains(output), "{said}");
 }
 

@@ -3,7 +3,7 @@
 use crate::unet::{bytes_of, floats_of, format_error};
 use crate::{DenoiseError, Denoiser, ImageStack};
 use ndarray::{
-    Array, Array1, Array2, Array3, ArrayD, ArrayView2, ArrayView3, Dimension, Ix1, Ix2, Ix3,
+    Array, Array1, Array2, Array3, ArrayD, ArrayView2, ArrayView3, Axis, Dimension, Ix1, Ix2, Ix3,
 };
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
@@ -72,6 +72,22 @@ impl Shard {
             touches: None,
             beside: Beside::default(),
         })
+    }
+
+    /// Returns the pairs of these frames, in this order; further inputs of a net are left out.
+    pub fn of_frames(&self, frames: &[usize]) -> Self {
+        let data = self.data.as_ref().map(|data| ShardData {
+            differences: data.differences.select(Axis(0), frames),
+            noise_std: data.noise_std.clone(),
+        });
+        Self {
+            raw: self.raw.select(Axis(0), frames),
+            wanted: self.wanted.select(Axis(0), frames),
+            mask: self.mask.clone(),
+            data,
+            touches: self.touches.as_ref().map(|touches| touches.select(Axis(0), frames)),
+            beside: Beside::default(),
+        }
     }
 
     /// Denoises its raw images with a net that also takes the further inputs.

@@ -48,7 +48,7 @@ pub struct Weights {
     pub skin: String,
     /// Rows and columns of the images that it was trained on.
     pub pixels: [usize; 2],
-    /// Further metadata: learning base, seed, errors, commit.
+    /// Further metadata: learning base, seed, errors, program.
     pub about: BTreeMap<String, String>,
     /// Model error of the skin's data, if the training measured it.
     pub model_error: Option<ModelError>,
@@ -72,6 +72,25 @@ impl Weights {
     /// Those of [`Weights::from_bytes`], none of which the shipped file causes.
     pub fn paper_disc_with_touches() -> Result<Self, DenoiseError> {
         Self::from_bytes(include_bytes!("../../weights/paper-disc-touches.safetensors"))
+    }
+
+    /// Weights of the paper's training 1: 439 pairs of the experiment with one finger, wanted images by
+    /// [`ThresholdRule`](crate::ThresholdRule), images by equation (7). For `eit demo --paper`; the other shipped weights are
+    /// better.
+    ///
+    /// # Errors
+    /// Those of [`Weights::from_bytes`], none of which the shipped file causes.
+    pub fn paper_training_1() -> Result<Self, DenoiseError> {
+        Self::from_bytes(include_bytes!("../../weights/paper-training-1.safetensors"))
+    }
+
+    /// Weights of the paper's training 2: 273 pairs of the experiment with two fingers; else like
+    /// [`Weights::paper_training_1`].
+    ///
+    /// # Errors
+    /// Those of [`Weights::from_bytes`], none of which the shipped file causes.
+    pub fn paper_training_2() -> Result<Self, DenoiseError> {
+        Self::from_bytes(include_bytes!("../../weights/paper-training-2.safetensors"))
     }
 
     /// Rejects sizes outside the documented ranges, a wrong number of weights, and weights that are not

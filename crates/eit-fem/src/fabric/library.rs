@@ -5,12 +5,16 @@ use super::play_circle::PlayCircle;
 use super::script::{Finger, Interpolation, Key, TouchScript};
 use super::stream::Purpose;
 use crate::error::FemError;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-/// Frames per second; the paper states none.
+/// Frames per second of scripts that are not the paper's.
 const RATE_HZ: f64 = 10.0;
+/// Frames per second of the paper's: the instrument could measure 50, but the fabric allowed about one.
+const PAPER_RATE_HZ: f64 = 1.0;
 /// Number of frames before the first touch, enough to measure noise to 10 %.
 const QUIET: usize = 20;
+/// Number of frames after the last touch.
+const REST: usize = 5;
 /// Force of a light touch, newton.
 const FORCE_N: f64 = 1.5;
 /// Time to press and time to lift, seconds.
@@ -45,10 +49,13 @@ fn taps(id: u32, radius_m: f64, start_s: f64, period_s: f64, places: &[([f64; 2]
 
 impl TouchScript {
     /// Names of the built-in scripts. The first two follow the experiments of Duan, Taurand and
-    /// Soleimani (Sci. Rep. 9:8831, 2019).
-    pub const BUILT_IN: [&str; 7] = [
+    /// Soleimani (Sci. Rep. 9:8831, 2019) with their 397 and 252 frames at one frame per second; the next two are
+    /// like them, ten times as fast.
+    pub const BUILT_IN: [&str; 9] = [
         "paper-one-finger",
         "paper-two-fingers",
+        "one-finger",
+        "two-fingers",
         "random",
         "press-and-hold",
         "tapping",
@@ -61,11 +68,16 @@ impl TouchScript {
     /// # Errors
     /// [`FemError::UnknownScript`].
     pub fn built_in(name: &str, circle: &PlayCircle, seed: u64) -> Result<Self, FemError> {
-        let start_s = QUIET as f64 / RATE_HZ;
+        let frame_rate_hz = if name.starts_with("paper-") { PAPER_RATE_HZ } else { RATE_HZ };
+        let start_s = QUIET as f64 / frame_rate_hz;
+        let end_s = |frames: usize| (frames - REST) as f64 / frame_rate_hz;
         let (frames, fingers) = match name {
-            "paper-one-finger" => (397, vec![paper_one(circle, start_s, 397)]),
-            "paper-two-fingers" => (252, paper_two(circle, start_s, 252)),
-            "random" => (300, random(circle, start_s, 300, seed)),
+            "paper-one-finger" => {
+                (397, vec![along(1, circle, start_s, end_s(397), &paper_way(circle))])
+            }
+            "one-finger" => (397, vec![along(1, circle, start_s, end_s(397), &one_way(circle))]),
+            "paper-two-fingers" | "two-fingers" => (252, two(circle, start_s, end_s(252))),
+            "random" => (300, random(circle, start_s, end_s(300), seed)),
             "press-and-hold" => {
                 let place = circle.at(0.4, 0.0);
                 (150, vec![along(1, circle, start_s, 9.0, &[place, place])])
@@ -91,25 +103,37 @@ impl TouchScript {
         for key in fingers.iter_mut().flat_map(|finger| &mut finger.keys) {
             key.force_n *= share;
         }
-        Ok(Self { name, frame_rate_hz: RATE_HZ, frames, quiet_frames: QUIET, fingers })
+        Ok(Self { name, frame_rate_hz, frames, quiet_frames: QUIET, fingers })
     }
 }
 
+/// Places of one turn of `share` of the play circle, anticlockwise from `first_rad`, in steps of 5 degrees.
+fn turn(circle: &PlayCircle, share: f64, first_rad: f64) -> impl Iterator<Item = [f64; 2]> {
+    (0..=72).map(move |k| circle.at(share, first_rad + TAU * f64::from(k) / 72.0))
+}
+
+/// The way of the paper's finger: anticlockwise near the rim until snapshot 13 of 21, which are evenly spaced, then
+/// towards the top left and through the centre. That the way at the rim is one turn, from the lower right, is assumed.
+fn paper_way(circle: &PlayCircle) -> Vec<[f64; 2]> {
+    let (rim, lower_right_rad) = (0.8, -FRAC_PI_4);
+    // all steps take the same time: 72 at the rim are 12 of the 20 intervals between snapshots, 48 across are 8
+    let across = (1..=48).map(|k| circle.at(rim * (1.0 - f64::from(k) / 24.0), lower_right_rad));
+    turn(circle, rim, lower_right_rad).chain(across).collect()
+}
+
 /// One turn anticlockwise near the rim, starting at the top, then to the centre.
-fn paper_one(circle: &PlayCircle, start_s: f64, frames: usize) -> Finger {
-    // steps of 5 degrees; the path to the centre has about the same speed
-    let turn = (0..=72).map(|k| circle.at(0.8, FRAC_PI_2 + TAU * f64::from(k) / 72.0));
+fn one_way(circle: &PlayCircle) -> Vec<[f64; 2]> {
+    // the path to the centre has about the same speed
     let home = (1..=12).map(|k| circle.at(0.8 * (1.0 - f64::from(k) / 12.0), FRAC_PI_2));
-    let places: Vec<[f64; 2]> = turn.chain(home).collect();
-    along(1, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
+    turn(circle, 0.8, FRAC_PI_2).chain(home).collect()
 }
 
 /// Two fingers opposite each other, one turn clockwise.
-fn paper_two(circle: &PlayCircle, start_s: f64, frames: usize) -> Vec<Finger> {
+fn two(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
     let finger = |id: u32, first: f64| {
         let places: Vec<[f64; 2]> =
             (0..=72).map(|k| circle.at(0.6, first - TAU * f64::from(k) / 72.0)).collect();
-        along(id, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
+        along(id, circle, start_s, end_s, &places)
     };
     vec![finger(1, PI), finger(2, 0.0)]
 }
@@ -126,8 +150,7 @@ fn closing_in(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
 
 /// Three fingers that press and lift at random, each within a third of the circle, so they never
 /// meet.
-fn random(circle: &PlayCircle, start_s: f64, frames: usize, seed: u64) -> Vec<Finger> {
-    let end_s = (frames - 5) as f64 / RATE_HZ;
+fn random(circle: &PlayCircle, start_s: f64, end_s: f64, seed: u64) -> Vec<Finger> {
     let turn = Purpose::Script.stream(seed, 0).between(0.0, TAU);
     let finger = |id: u32| {
         let mut random = Purpose::Script.stream(seed, id as usize);

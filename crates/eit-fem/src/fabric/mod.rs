@@ -31,7 +31,7 @@
 //! let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.01))?;
 //! let protocol = PairProtocol::default().protocol()?;
 //! let fabric = Fabric::new(&mesh, &protocol, 1e-5, &[1e3; 16], &FabricSettings::default())?;
-//! let mut script = TouchScript::built_in("paper-one-finger", &PlayCircle::of(&mesh), 1)?;
+//! let mut script = TouchScript::built_in("one-finger", &PlayCircle::of(&mesh), 1)?;
 //! script.frames = 30;
 //! let raster = Raster::new(mesh.surface(), 32)?;
 //! let made = fabric.simulate(&script, &raster, &SimulationSettings::default(), &mut |_| {})?;

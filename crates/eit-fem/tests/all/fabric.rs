@@ -521,16 +521,38 @@ fn built_in_scripts_fit_the_skin() {
         let touched = (0..script.frames).filter(|f| !script.touches(*f).is_empty()).count();
         assert!(5 * touched > 2 * script.frames, "{name}: {touched} of {}", script.frames);
     }
-    let one = TouchScript::built_in("paper-one-finger", &circle, 1).unwrap();
-    let two = TouchScript::built_in("paper-two-fingers", &circle, 1).unwrap();
+    let one = TouchScript::built_in("one-finger", &circle, 1).unwrap();
+    let two = TouchScript::built_in("two-fingers", &circle, 1).unwrap();
     assert_eq!((one.frames, two.frames), (397, 252));
     // the first is anticlockwise from the top, the second clockwise
+    let place = |s: &TouchScript, f: usize| s.touches(f)[0].position_m;
     let angle = |s: &TouchScript, f: usize| {
-        let [x, y] = s.touches(f)[0].position_m;
+        let [x, y] = place(s, f);
         y.atan2(x)
     };
     assert!(angle(&one, 60) > angle(&one, 30));
     assert!(angle(&two, 60) < angle(&two, 30));
+    // the paper's, one frame a second: from snapshot 13 of 21 from the rim through the centre to the upper left
+    let [paper_one, paper_two] = ["paper-one-finger", "paper-two-fingers"]
+        .map(|name| TouchScript::built_in(name, &circle, 1).unwrap());
+    assert_eq!((paper_one.frames, paper_two.frames), (397, 252));
+    assert_eq!((paper_one.frame_rate_hz, paper_two.frame_rate_hz), (1.0, 1.0));
+    assert!(angle(&paper_two, 60) < angle(&paper_two, 30));
+    let touched: Vec<usize> = (0..397).filter(|f| !paper_one.touches(*f).is_empty()).collect();
+    let snapshot = |k: usize| touched[(k - 1) * (touched.len() - 1) / 20];
+    let from_centre = |k: usize| {
+        let [x, y] = place(&paper_one, snapshot(k));
+        x.hypot(y)
+    };
+    for k in 2..13 {
+        assert!((from_centre(k) - 0.08).abs() < 1e-3, "snapshot {k}");
+        let turned = (angle(&paper_one, snapshot(k)) - angle(&paper_one, snapshot(k - 1)))
+            .rem_euclid(std::f64::consts::TAU);
+        assert!((0.4..0.7).contains(&turned), "snapshot {k}: {turned}");
+    }
+    assert!(from_centre(14) < 0.075 && from_centre(17) < 3e-3, "{}", from_centre(17));
+    let [x, y] = place(&paper_one, snapshot(20));
+    assert!(x < -0.03 && y > 0.03 && (x + y).abs() < 1e-6, "{x} {y}");
     let error = TouchScript::built_in("dance", &circle, 1).unwrap_err().to_string();
     assert!(error.contains("dance") && error.contains("closing-in"), "{error}");
 }

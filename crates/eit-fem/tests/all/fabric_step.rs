@@ -63,7 +63,7 @@ fn steps_are_the_frames_of_a_script() {
         s.linear = Some(LinearResponse { change_per_newton: 0.1 });
     };
     for fabric in [fabric(&mesh, |_| {}), fabric(&mesh, rough), fabric(&mesh, linear)] {
-        for name in ["paper-two-fingers", "random", "tapping"] {
+        for name in ["two-fingers", "random", "tapping"] {
             let script = script(&mesh, name, 70);
             let how = SimulationSettings { seed: SEED, threads: 2, keep_elements: false };
             let made = fabric.simulate(&script, &raster, &how, &mut |_| {}).unwrap();
@@ -232,7 +232,7 @@ fn linearised_frames_are_near_solved_ones() {
         ("dome", fabric(&generated(&SkinShape::Hemisphere { radius_m: 0.1 }, 0.009), quiet), 0.2),
     ];
     for (name, fabric, bound) in cases {
-        for script in [script(&mesh, "paper-two-fingers", 45), script(&mesh, "stroking", 45)] {
+        for script in [script(&mesh, "two-fingers", 45), script(&mesh, "stroking", 45)] {
             let distance = distance(&fabric, &script);
             println!("{name}, {}: {distance:.4}", script.name);
             assert!(distance < bound, "{name}, {}: {distance}", script.name);

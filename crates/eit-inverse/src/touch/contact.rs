@@ -33,9 +33,6 @@ pub struct Touch {
     pub position_covariance_m2: [[f64; 3]; 3],
     /// Velocity, metres per second.
     pub velocity_m_s: [f64; 3],
-    /// Area in which the change is at least half of its peak, square metres; `None` if the method cannot
-    /// tell the size of a touch.
-    pub area_m2: Option<f64>,
     /// Integral of the conductivity change over the touch, S m^2, with the sign of the change.
     pub intensity_s_m2: f64,
     /// Standard deviation of [`intensity_s_m2`](Self::intensity_s_m2), S m^2; `None` if unknown.
@@ -77,12 +74,6 @@ impl Touch {
     /// Returns the standard deviation of the force, newtons; `None` if none was learnt.
     pub fn force_std_n(&self) -> Option<f64> {
         self.learnt?.force_n.map(|[_, std_n]| std_n)
-    }
-
-    /// Returns the mean pressure over the area of the touch, pascal; `None` if the force or the area is unknown.
-    pub fn pressure_pa(&self) -> Option<f64> {
-        let area_m2 = self.area_m2.filter(|area_m2| *area_m2 > 0.0)?;
-        self.force_n().map(|force_n| force_n / area_m2)
     }
 
     /// Returns the standard deviation of each coordinate, metres.

@@ -295,7 +295,6 @@ impl TouchTracker {
                 normal: Some(track.seen.normal),
                 position_covariance_m2: covariance_m2,
                 velocity_m_s: state.velocity_m_s,
-                area_m2: None,
                 intensity_s_m2: track.seen.strength_s_m2,
                 intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
                 peak_s: track.seen.peak_s,

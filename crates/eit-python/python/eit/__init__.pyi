@@ -92,7 +92,7 @@ class Skin:
     ) -> Simulation:
         """Runs a touch script, a built-in one or a file F.toml, on the simulated fabric of the scene.
 
-        Built in are paper-one-finger, paper-two-fingers, random, press-and-hold, tapping, stroking and closing-in.
+        Built in are paper-one-finger and paper-two-fingers (one frame per second), one-finger, two-fingers, random, press-and-hold, tapping, stroking and closing-in.
         `frames` ends it early, `nodes` are those of the mesh. The same seed gives the same bytes.
         """
 

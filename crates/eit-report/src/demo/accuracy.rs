@@ -1,10 +1,11 @@
 //! Compares the live results with the true images and touches.
 
 use super::live::LiveRun;
+use super::paper::squared_error;
 use eit_core::median;
 use eit_fem::fabric::Simulation;
 use eit_inverse::touch::Touch;
-use ndarray::{Array2, ArrayView2, Axis};
+use ndarray::{Array2, Axis};
 use serde_json::{Value, json};
 
 /// A touch farther than this from every finger is false; a finger is 2 cm wide.
@@ -163,15 +164,4 @@ impl Accuracy {
             "worst_position_error_m": self.worst_distance_m(),
         })
     }
-}
-
-/// Mean squared error over the pixels that both images contain; the masks may differ by a pixel at
-/// the rim.
-fn squared_error(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for off in image.iter().zip(truth).map(|(a, b)| a - b).filter(|off| off.is_finite()) {
-        sum += off * off;
-        count += 1.0;
-    }
-    sum / f64::max(count, 1.0)
 }

@@ -48,7 +48,7 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
             "one-finger-position-error.png",
         ],
         stages: ["simulate one finger", "one finger live", "pictures of one finger"],
-        script: "paper-one-finger",
+        script: "one-finger",
     },
     Experiment {
         name: "two fingers",
@@ -62,7 +62,7 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
             "two-fingers-position-error.png",
         ],
         stages: ["simulate two fingers", "two fingers live", "pictures of two fingers"],
-        script: "paper-two-fingers",
+        script: "two-fingers",
     },
 ];
 

@@ -2,7 +2,6 @@
 
 use crate::error::ReportError;
 use crate::output::{OutFile, OutFolder, io};
-use eit_skin::scene::Scene;
 use std::fs;
 use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -98,26 +97,9 @@ impl DemoFolder {
         Ok(())
     }
 
-    /// Writes the scene that `eit replay` uses for the recordings.
-    pub(crate) fn write_scene(&self, quick: bool) -> Result<(), ReportError> {
-        let (pixels, any_skin, rate_hz) = if quick { (32, true, 50.0) } else { (64, false, 10.0) };
-        let skin = Scene::text("paper-disc")?;
-        OutFile::new(&self.scene())?.write(|out| {
-            writeln!(
-                out,
-                "{MARK}\n{skin}\n\
-                 [reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n\
-                 target_gap = 0.1        # 0.01 takes four times as long without improving the \
-                 images\n\n\
-                 [touch]\n\
-                 drift_time_s = 300.0    # fingers stay for most of a minute; drift estimated from four \
-                 quiet seconds would be noise\n\n\
-                 [denoise]\nweights = \"default\"\nany_skin = {any_skin}\n\n\
-                 [instrument]            # eit_hw::emulator\n\
-                 driver = \"eits1\"\nframe_rate_hz = {rate_hz:?}"
-            )
-            .map_err(io)
-        })
+    /// Writes the scene of the recordings, marked as a demo's.
+    pub(crate) fn write_scene(&self, text: &str) -> Result<(), ReportError> {
+        OutFile::new(&self.scene())?.write(|out| writeln!(out, "{MARK}\n{text}").map_err(io))
     }
 
     /// Returns where the demo writes its scene.

@@ -14,7 +14,7 @@ pub(super) enum Fingers {
     Moving,
     /// Two fingers in a single frame.
     Still,
-    /// The paper's experiments on the simulated fabric, which determines noise and change.
+    /// One and two fingers on the simulated fabric, which determines noise and change.
     Fabric,
     /// No images: the skin only adds a shape to the forward problems.
     NoImages,

@@ -1,5 +1,5 @@
 //! A recording of the simulated fabric, in which electrodes move with the fingers, gains differ and
-//! the skin drifts: the paper's experiments, for which networks are trained.
+//! the skin drifts: one and two fingers, for which networks are trained.
 
 use super::recording::SimulatedRecording;
 use crate::comparison::ReconstructionModel;
@@ -21,10 +21,10 @@ pub(super) struct FabricScript {
     pub seed: u64,
 }
 
-/// The paper's experiments, with seeds not used in training.
+/// One and two fingers, with seeds not used in training.
 pub(super) const FABRIC_SCRIPTS: [FabricScript; 2] = [
-    FabricScript { shape: "one", script: "paper-one-finger", seed: 501 },
-    FabricScript { shape: "two", script: "paper-two-fingers", seed: 502 },
+    FabricScript { shape: "one", script: "one-finger", seed: 501 },
+    FabricScript { shape: "two", script: "two-fingers", seed: 502 },
 ];
 
 /// Nodes of the simulation mesh.

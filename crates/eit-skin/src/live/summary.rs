@@ -225,7 +225,6 @@ mod tests {
             normal: None,
             position_covariance_m2: [[1e-6; 3]; 3],
             velocity_m_s: [0.0; 3],
-            area_m2: None,
             intensity_s_m2: 1e-11,
             intensity_std_s_m2: None,
             peak_s: 1e-6,

@@ -122,8 +122,8 @@ pub struct TrainRequest<'a> {
     pub device: &'a eit_denoise::burn::tensor::Device,
     /// File written after every epoch; if it exists, training resumes from it.
     pub checkpoint: &'a Path,
-    /// Name and version of the program, and the commit that it was built from, for the weights' file.
-    pub made_by: [&'a str; 2],
+    /// Name and version of the program, for the weights' file.
+    pub made_by: &'a str,
     /// Number of threads; the result does not depend on it.
     pub threads: usize,
     /// Stops the training when set.
@@ -139,6 +139,8 @@ pub struct Trained {
     pub trainer: Option<Trainer<Unet>>,
     /// The learning base.
     pub base: LearningBase,
+    /// Number of frames that were learnt from or held out.
+    pub frames: usize,
     /// [`parameter_checksum`] of the weights that the training started from; `None` for random ones.
     pub from: Option<String>,
     /// Error on held-out sequences relative to the raw images.
@@ -161,7 +163,12 @@ pub fn train(
     let TrainRequest { shape, settings, first, threads, stop, made_by, .. } = request;
     let sequences = &Sequences::new(skin, request.base, progress)?;
     let base = super::base(request.base, sequences, request.folder, None, threads, stop, progress)?;
-    let (mut learnt, mut held_out) = progress.stage("read the base", || super::shards(&base))?;
+    let pairs = request.base.pairs;
+    let (mut learnt, mut held_out) = progress.stage("read the base", || match pairs {
+        // as in the paper, errors are those of the pairs themselves
+        Some(count) => super::first_pairs(&base, count).map(|pairs| (pairs.clone(), pairs)),
+        None => super::shards(&base),
+    })?;
     progress.stage("inputs of the net", || {
         sequences.complete(&mut learnt, shape, threads)?;
         sequences.complete(&mut held_out, shape, threads)
@@ -194,15 +201,20 @@ pub fn train(
     };
     let (scores, judge) = progress.stage("compare", || {
         let scores = held_out_scores(&net, &held_out)?;
-        Ok::<_, SkinError>((scores, judge(&net, &learnt, &held_out, sequences)?))
+        let judge = match pairs {
+            Some(_) => None,
+            None => judge(&net, &learnt, &held_out, sequences)?,
+        };
+        Ok::<_, SkinError>((scores, judge))
     })?;
-    let made = Trained { weights: net, trainer, base, from, scores, judge };
+    let frames = pairs.unwrap_or(base.frames());
+    let made = Trained { weights: net, trainer, base, frames, from, scores, judge };
     made.with_metadata(skin, made_by)
 }
 
 impl Trained {
     /// Adds to the weights what their file says about their origin. Weights that were not trained here keep theirs.
-    fn with_metadata(self, skin: &Skin, [program, commit]: [&str; 2]) -> Result<Self, SkinError> {
+    fn with_metadata(self, skin: &Skin, program: &str) -> Result<Self, SkinError> {
         let (base, judge) = (self.base.settings(), self.judge.as_ref());
         let checksum = self.base.checksum()?;
         let Some(trainer) = &self.trainer else {
@@ -217,7 +229,6 @@ impl Trained {
                 ("judge_recipe", base.recipe.clone()),
                 ("judge_sequences", base.shards.to_string()),
                 ("judge_program", program.to_owned()),
-                ("judge_commit", commit.to_owned()),
             ];
             let mut weights = self.weights;
             weights.about.extend(entries.map(|(key, value)| (key.to_owned(), value)));
@@ -230,7 +241,7 @@ impl Trained {
             ("base", checksum),
             ("recipe", base.recipe.clone()),
             ("sequences", base.shards.to_string()),
-            ("examples", self.base.frames().to_string()),
+            ("examples", self.frames.to_string()),
             ("seed", settings.seed.to_string()),
             ("epochs", trainer.curve().len().to_string()),
             ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
@@ -240,7 +251,6 @@ impl Trained {
             ("held_out_net_over_raw", self.scores.net_over_raw.to_string()),
             ("held_out_rule_over_raw", self.scores.rule_over_raw.to_string()),
             ("program", program.to_owned()),
-            ("commit", commit.to_owned()),
         ];
         let from = self.from.as_ref().map(|from| ("from", from.clone()));
         let about = entries.into_iter().chain(from).map(|(key, value)| (key.to_owned(), value));

@@ -2,14 +2,13 @@
 
 use super::motion;
 use super::shared::{Shared, touches_of};
-use super::{HELD_OUT, is_held_out, number_within};
+use super::{BaseRequest, HELD_OUT, is_held_out, number_within};
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};
 use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_denoise::{ImageStack, MeasurementOrder, Shard, ThresholdRule};
 use ndarray::{Array2, Axis};
-use std::path::PathBuf;
 
 /// Training sequences from recordings, each with the scene's reference.
 #[derive(Debug)]
@@ -18,6 +17,8 @@ pub(crate) struct Recorded {
     recordings: Vec<Frames>,
     /// Number of sequences to make.
     count: usize,
+    /// Whether all frames are learnt from.
+    pub is_whole: bool,
 }
 
 /// Smallest number of frames of a single recording, of which one in [`HELD_OUT`] is held out.
@@ -31,18 +32,19 @@ impl Recorded {
     /// Files that cannot be read, or recordings of another skin.
     pub(crate) fn new(
         shared: &Shared,
-        files: &[PathBuf],
-        count: usize,
+        request: &BaseRequest,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
+        let (files, is_whole) = (&request.recording, request.pairs.is_some());
         let skin = &shared.chain.linearised.skin;
-        let read = |file: &PathBuf| skin.read_frames(std::slice::from_ref(file), None);
+        let read = |file: &std::path::PathBuf| skin.read_frames(std::slice::from_ref(file), None);
         let recordings = progress.stage("read recordings", || {
             files.iter().map(read).collect::<Result<Vec<_>, SkinError>>()
         })?;
         let names: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
         if let ([name], [alone]) = (&names[..], &recordings[..])
             && alone.values.nrows() < LEAST_FRAMES
+            && !is_whole
         {
             return Err(SkinError::input(format!(
                 "{name}: {} frames, but one recording alone needs {LEAST_FRAMES} or more: some are \
@@ -50,7 +52,7 @@ impl Recorded {
                 alone.values.nrows()
             )));
         }
-        Ok(Self { names, recordings, count })
+        Ok(Self { names, recordings, count: request.sequence_count(), is_whole })
     }
 
     /// Describes everything besides the chain that the training pairs depend on.
@@ -66,8 +68,9 @@ impl Recorded {
         };
         let list: Vec<String> = self.names.iter().zip(&self.recordings).map(frames).collect();
         format!(
-            "recorded: {}, {:?}, {:?}, {:?}",
+            "recorded: {}{}, {:?}, {:?}, {:?}",
             list.join(", "),
+            if self.is_whole { ", none held out" } else { "" },
             ThresholdRule::default(),
             skin.settings.noise,
             skin.settings.touch.sign
@@ -77,6 +80,9 @@ impl Recorded {
     /// The frames of a sequence. Held-out frames, which are the last recordings or the last frames of a single
     /// one, are never trained on, not even rotated.
     fn frames(&self, index: usize) -> Frames {
+        if self.is_whole {
+            return self.recordings[index % self.recordings.len()].clone();
+        }
         let is_held_out = is_held_out(index, self.count);
         let [alone] = &self.recordings[..] else {
             let learnt = self.recordings.len() - self.recordings.len().div_ceil(HELD_OUT);

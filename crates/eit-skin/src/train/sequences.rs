@@ -44,10 +44,7 @@ impl Sequences {
         let chain = Chain::new(skin.clone(), request.method.as_deref(), lengths, progress)?;
         let shared = Shared { symmetries: symmetries(skin)?, chain, seed: request.seed };
         let source = match recorded {
-            true => {
-                let files = &request.recording;
-                Source::Recorded(Recorded::new(&shared, files, request.sequences, progress)?)
-            }
+            true => Source::Recorded(Recorded::new(&shared, request, progress)?),
             false => {
                 let pixels = skin.pixels();
                 Source::Simulated(Box::new(Simulated::new(skin, request, pixels, progress)?))
@@ -66,9 +63,12 @@ impl Sequences {
         &self.shared.chain.linearised.skin
     }
 
-    /// Returns the symmetries that map pixels to pixels.
+    /// Returns the symmetries that map pixels to pixels, by which pairs are augmented.
     #[cfg(feature = "train")]
     pub(crate) fn turns(&self) -> Vec<RasterSymmetry> {
+        if matches!(&self.source, Source::Recorded(recorded) if recorded.is_whole) {
+            return Vec::new();
+        }
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
         matrices.filter_map(RasterSymmetry::of_matrix).collect()

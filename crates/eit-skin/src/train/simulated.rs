@@ -43,10 +43,13 @@ impl Simulated {
     /// A script that does not exist, too few frames, a number of fingers out of range, or a skin from a mesh
     /// file.
     pub(crate) fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
-        if let Some(name) = &args.script {
-            let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
-            TouchScript::built_in(name, &circle, 1)?;
-        }
+        let rate_hz = match &args.script {
+            Some(name) => {
+                let circle = PlayCircle { centre_m: [0.0; 2], radius_m: 1.0 };
+                TouchScript::built_in(name, &circle, 1)?.frame_rate_hz
+            }
+            None => RATE_HZ,
+        };
         if args.frames < QUIET + 10 {
             return Err(SkinError::argument(
                 "frames",
@@ -62,7 +65,7 @@ impl Simulated {
                  of it (recording)",
             ));
         }
-        Ok(Lengths { frames: args.frames, quiet: QUIET, rate_hz: RATE_HZ })
+        Ok(Lengths { frames: args.frames, quiet: QUIET, rate_hz })
     }
 
     /// Meshes the skin a second time, for simulation.

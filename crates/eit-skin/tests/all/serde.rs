@@ -24,7 +24,7 @@ fn touch() -> serde_json::Value {
     json!({
         "id": 3, "state": "Hold", "position_m": [0.01, -0.02, 0.0], "normal": [0.0, 0.0, 1.0],
         "position_covariance_m2": [[1e-7, 0.0, 0.0], [0.0, 1e-7, 0.0], [0.0, 0.0, 0.0]],
-        "velocity_m_s": [0.1, 0.0, 0.0], "area_m2": null, "intensity_s_m2": 1e-9,
+        "velocity_m_s": [0.1, 0.0, 0.0], "intensity_s_m2": 1e-9,
         "intensity_std_s_m2": 1e-11, "peak_s": 2e-6,
         "learnt": {"force_n": [1.5, 0.1], "is_unlike": false},
         "confidence": 0.99, "age_frames": 12, "age_s": 0.6, "valid": true, "whole": true,
@@ -36,7 +36,7 @@ fn touch() -> serde_json::Value {
 fn a_touch_survives_and_has_points_of_mint() {
     let read: Touch = serde_json::from_value(touch()).unwrap();
     same(&read);
-    assert_eq!((read.state, read.force_n(), read.area_m2), (TouchState::Hold, Some(1.5), None));
+    assert_eq!((read.state, read.force_n()), (TouchState::Hold, Some(1.5)));
     assert_eq!(read.position(), Point3 { x: 0.01, y: -0.02, z: 0.0 });
     assert_eq!(read.normal_vector(), Some(Vector3 { x: 0.0, y: 0.0, z: 1.0 }));
     assert_eq!(read.velocity(), Vector3 { x: 0.1, y: 0.0, z: 0.0 });

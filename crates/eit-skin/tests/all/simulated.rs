@@ -12,7 +12,7 @@ use eit_skin::{ImageSolver, Progress, Scene, Skin};
 fn simulated_frames_are_reconstructed_with_their_own_reference() {
     let scene = Scene::load("paper-disc").unwrap();
     let mut settings = SimulateSettings {
-        script: "paper-one-finger".to_owned(),
+        script: "one-finger".to_owned(),
         seed: 1,
         frames: Some(30),
         nodes: Some(1500),
@@ -50,7 +50,7 @@ fn simulated_frames_are_reconstructed_with_their_own_reference() {
 fn a_stepped_skin_makes_the_frames_of_the_recording() {
     let scene = Scene::load("paper-disc").unwrap();
     let settings = SimulateSettings {
-        script: "paper-one-finger".to_owned(),
+        script: "one-finger".to_owned(),
         seed: 3,
         frames: Some(30),
         nodes: Some(900),

@@ -550,7 +550,7 @@ fn touches_are_on_the_skin() {
         current_a = 1e-3
     "#;
     let (_, bench) = skin(text);
-    let recording = bench.simulate(&bench.script("paper-two-fingers", 34), 34);
+    let recording = bench.simulate(&bench.script("two-fingers", 34), 34);
     let touches = bench.touches(&recording);
     assert!(touches.rows.len() > 50, "{}", touches.rows.len());
     for row in &touches.rows {

@@ -98,7 +98,6 @@ impl Report {
             normal: Some(normal),
             position_covariance_m2: in_space(plane, *model.grid.tangents(place)),
             velocity_m_s: state.velocity_m_s,
-            area_m2: None,
             intensity_s_m2,
             intensity_std_s_m2: Some(std),
             peak_s: intensity_s_m2 * model.dictionary.tops[place],

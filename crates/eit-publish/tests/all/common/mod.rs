@@ -14,7 +14,6 @@ pub fn touch() -> Touch {
         normal: Some([0.6, 0.0, 0.8]),
         position_covariance_m2: [[4e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 0.0]],
         velocity_m_s: [0.1, 0.0, -0.0],
-        area_m2: None,
         intensity_s_m2: 2.5e-11,
         intensity_std_s_m2: Some(1e-12),
         peak_s: 1e-6,
