@@ -274,7 +274,7 @@ pub(crate) struct DemoArgs {
     pub quick: bool,
     /// Make a page laid out like the paper's figures instead: its experiments at one frame per second, images by its
     /// equation (7), the nets of its two trainings on both experiments, and pressures; two minutes.
-    #[arg(long, conflicts_with_all = ["quick", "web", "NetworkArgs"])]
+    #[arg(long, conflicts_with_all = ["web", "NetworkArgs"])]
     pub paper: bool,
     /// Options of the live page.
     #[command(flatten)]

@@ -32,8 +32,8 @@ use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
     serde(default, deny_unknown_fields)
 )]
 pub struct ThresholdRule {
-    /// Width of the removed ring in steps to one of eight neighbours. The paper states none; 4 of 64
-    /// pixels matches its figures.
+    /// Width of the removed ring in steps to one of eight neighbours. The paper suppresses the boundary and states no
+    /// width; 4 of 64 pixels is assumed.
     pub ring_pixels: usize,
     /// Values above this fraction of the largest remaining value are kept; from 0 to below 1. The paper: 0.55.
     pub share: f64,

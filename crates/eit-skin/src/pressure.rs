@@ -98,8 +98,7 @@ impl Print {
             }
         }
         let level = image[peak] / 2.0;
-        // also false for NaN
-        if !(level > 0.0) {
+        if level <= 0.0 || level.is_nan() {
             return None;
         }
         let squared = |[r, c]: [usize; 2], [row, column]: [usize; 2]| {
@@ -164,9 +163,11 @@ mod tests {
     /// A square of 5 x 4 pixels beside a weaker one: pixels, outline, mean pressure and its error in closed form.
     #[test]
     fn a_square_has_its_own_area() {
-        let mut image = Array2::from_elem((20, 20), 0.0);
-        image.slice_mut(ndarray::s![3..8, 4..8]).fill(2.0);
-        image.slice_mut(ndarray::s![3..8, 8..12]).fill(1.9);
+        let mut image = Array2::from_shape_fn((20, 20), |place| match place {
+            (3..8, 4..8) => 2.0,
+            (3..8, 8..12) => 1.9,
+            _ => 0.0,
+        });
         let places = [[5, 5], [5, 10]];
         let print = Print::around(image.view(), places[0], &places).unwrap();
         // pixels that are nearer to the other touch are the other's

@@ -30,17 +30,6 @@ use std::sync::mpsc;
 /// One in this many sequences is held out.
 const HELD_OUT: usize = 6;
 
-/// Training target of a simulated sequence.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Wanted {
-    /// The true change of conductivity.
-    #[default]
-    Truth,
-    /// The raw images filtered by [`eit_denoise::ThresholdRule`], as in the paper of Duan, Taurand and
-    /// Soleimani.
-    Rule,
-}
-
 /// Settings of a learning base.
 #[derive(Debug, Clone, Default)]
 pub struct BaseRequest {
@@ -55,8 +44,6 @@ pub struct BaseRequest {
     pub usual_tips: f64,
     /// Built-in script, simulated on the skin's own fabric; `None` for random touches on random fabrics.
     pub script: Option<String>,
-    /// Training target of simulated sequences.
-    pub wanted: Wanted,
     /// Recordings to learn from instead of simulated touches.
     pub recording: Vec<PathBuf>,
     /// Number of sequences, one in six of which is held out; not used with `pairs`.

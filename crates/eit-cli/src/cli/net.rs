@@ -130,9 +130,6 @@ pub(crate) struct PairsArgs {
     /// instead of random touches on random fabrics.
     #[arg(long, value_name = "NAME", conflicts_with = "recording")]
     pub script: Option<String>,
-    /// Wanted images of simulated sequences: truth, or rule (the rule of the paper, see --recording).
-    #[arg(long, value_name = "KIND", default_value = "truth", value_parser = ["truth", "rule"])]
-    pub wanted: String,
     /// Fingers of every sequence, 1 to 6 [default: one to six, fewer more often].
     #[arg(long, value_name = "N")]
     pub fingers: Option<usize>,

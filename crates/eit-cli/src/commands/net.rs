@@ -3,7 +3,7 @@
 use crate::cli::{ApplyArgs, BaseArgs, NetCommand, PairsArgs};
 use crate::commands::prelude::*;
 use eit_report::settings::DenoiseImages;
-use eit_skin::train::{self, BaseRequest, Sequences, Wanted};
+use eit_skin::train::{self, BaseRequest, Sequences};
 
 pub(super) fn run(command: NetCommand) -> Result<Answer, CliError> {
     match command {
@@ -75,7 +75,6 @@ impl PairsArgs {
             fingers: args.fingers,
             usual_tips: args.usual_tips,
             script: args.script,
-            wanted: if args.wanted == "rule" { Wanted::Rule } else { Wanted::Truth },
             recording: args.recording,
             sequences: args.sequences,
             pairs: args.pairs,

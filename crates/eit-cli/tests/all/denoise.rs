@@ -251,19 +251,24 @@ fn two_processes_make_one_base() {
     assert!(found.contains("the number of a part"), "{found}");
 }
 
-/// The paper's learning base: its script, each sequence with a seed of its own, and the images after its
-/// rule as the wanted ones.
+/// The paper's learning base: a recording as it is and turned, nothing held out, and the images after its rule as the
+/// wanted ones.
 #[test]
-fn a_base_of_the_papers_script_and_rule() {
+fn a_base_of_the_papers_rule() {
     let folder = Folder::new();
     let (scene, out) = (folder.scene(SMALL_IMAGES), folder.path("paper"));
-    let how = "--wanted rule --script one-finger --method gauss-newton --sequences 2 --frames 40";
-    let line = format!("net base {scene} --out {out} {how} --threads 1");
+    let touched = folder.path("touched");
+    succeed(format!(
+        "simulate {scene} --script one-finger --frames 40 --nodes 900 --out {touched}"
+    ));
+    let how = format!("--recording {touched}/frames.npy --pairs 30 --method gauss-newton");
+    let line = format!("net base {touched}/scene.toml --out {out} {how} --threads 1");
     succeed(&line);
     let base = eit_denoise::LearningBase::open(&out).unwrap();
     let recipe = &base.settings().recipe;
-    assert!(recipe.contains("script one-finger, wanted Rule"), "{recipe}");
+    assert!(recipe.contains("none held out, ThresholdRule"), "{recipe}");
     let shards = [0, 1].map(|index| base.read(index).unwrap());
+    assert_eq!((base.settings().shards, shards[0].raw.dim().0, shards[1].raw.dim().0), (2, 40, 40));
     assert_ne!(shards[0].raw, shards[1].raw);
     for shard in &shards {
         let raw = shard.raw.mapv(f64::from);
@@ -278,7 +283,9 @@ fn a_base_of_the_papers_script_and_rule() {
         }
         assert!(left > 0 && left < all / 2, "{left} of {all}");
     }
-    let said = refuse(format!("{line} --fingers 2"));
+    let said = refuse(format!("{line} --sequences 4"));
+    assert!(said.contains("cannot be used with"), "{said}");
+    let said = refuse(format!("net base {scene} --out {out} --script one-finger --fingers 2"));
     assert!(said.contains("a built-in script has the fingers that it has"), "{said}");
 }
 
@@ -380,6 +387,21 @@ fn a_net_learns_from_a_recording() {
     let shard = |k: usize| read(folder.path(&format!("w.base/shard-{k:05}.safetensors")));
     // the recording itself, then turned by one of the 32 symmetries: not the same bytes
     assert!((1..4).any(|k| shard(k) != shard(0)));
+    // as in the paper: 24 frames have a finger, the others are of the turned copy
+    let pairs = folder.path("pairs.safetensors");
+    let as_paper = |count: usize| {
+        format!(
+            "net train {touched}/scene.toml --recording {touched}/frames.npy --out {pairs} --method gauss-newton \
+             --images 1 --pairs {count} --epochs 1 --width 2 --force"
+        )
+    };
+    assert!(succeed(as_paper(30)).contains("30 frames of 2 sequences"));
+    assert_eq!(weights(&pairs).about["examples"], "30");
+    let said = refuse(as_paper(1000));
+    assert!(
+        said.contains("--pairs: 1000, but the recordings and a turned copy of each have"),
+        "{said}"
+    );
     for (recording, more, wanted) in [
         ("frames.npy", "--fingers 2", "--fingers: a recording has the fingers that it has"),
         ("frames.npy", "--usual-tips 0.5", "--usual-tips: a built-in script and a recording have"),

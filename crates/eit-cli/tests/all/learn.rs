@@ -1,6 +1,6 @@
 //! `eit learn`: from a table of presses on a simulated fabric to newtons in `touches.csv`.
 
-use crate::common::{Folder, answer, exists, read, read_text, refuse, succeed};
+use crate::common::{Folder, answer, exists, parse, read, read_array, read_text, refuse, succeed};
 use std::fmt::Write as _;
 
 const RATE_HZ: f64 = 20.0;
@@ -93,6 +93,26 @@ fn presses_become_newtons() {
         }
     }
     assert_eq!(held, 6, "{csv}");
+    // every force is spread over the image of its touch
+    let images: ndarray::Array3<f64> = read_array(format!("{out}/pressure.npy"));
+    let pressures = read_text(format!("{out}/pressure.csv"));
+    let side_m = 0.2 / images.dim().1 as f64;
+    for line in pressures.lines().skip(1) {
+        let values: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
+        let [frame, force_n, force_std_n, area_m2, mean_pa, std_pa] =
+            [0, 3, 4, 5, 6, 7].map(|k| values[k]);
+        let image = images.index_axis(ndarray::Axis(0), frame as usize);
+        let sum_n: f64 = image.iter().filter(|pa| pa.is_finite()).sum::<f64>() * side_m.powi(2);
+        // a pixel at the rim is covered in part
+        assert!((sum_n / force_n - 1.0).abs() < 0.15, "{line}: {sum_n} N");
+        assert!((mean_pa * area_m2 / force_n - 1.0).abs() < 1e-3, "{line}");
+        assert!(std_pa > mean_pa * force_std_n / force_n, "{line}");
+    }
+    // 13 presses of 14 steady frames and some more
+    assert!(pressures.lines().count() > 13 * 14, "{pressures}");
+    assert!(exists(format!("{out}/pressure.gif")));
+    let report = parse(&read_text(format!("{out}/report.json")));
+    assert!(report["pressure"]["median_pa"].as_f64().unwrap() > 0.0, "{report}");
     // rejected for another skin, and if damaged
     let frames = folder.path("touched/frames.npy");
     let reconstruct =

@@ -21,9 +21,9 @@ use crate::DenoiseError;
 pub struct UnetShape {
     /// Number of frames that the net takes, including the current one: 1 to 16.
     pub history: usize,
-    /// Channels of the first level: 1 to 128. The paper's net has 64.
+    /// Channels of the first level: 1 to 128. Ronneberger's net has 64; Duan, Taurand and Soleimani state no size.
     pub width: usize,
-    /// Number of times that rows and columns are halved: 1 to 6. The paper's net has 4.
+    /// Number of times that rows and columns are halved: 1 to 6. Ronneberger's net has 4.
     pub depth: usize,
     /// Images per frame: 1 to 4. The first sets the scale. A net of one image takes the one to be denoised.
     /// `eit-skin` gives nets of more images first the touches that it detected without any image, drawn as bells,

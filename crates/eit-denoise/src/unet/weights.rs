@@ -5,7 +5,7 @@ use crate::{DenoiseError, ModelError};
 use eit_core::event;
 use ndarray::Array2;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 /// Format version; others are rejected.
 const VERSION: &str = "3";
@@ -155,7 +155,8 @@ impl Weights {
             let view = TensorView::new(Dtype::F32, shape, &directions).map_err(format_error)?;
             tensors.push((MODEL_ERROR.to_owned(), view));
         }
-        safetensors::serialize(tensors, Some(metadata)).map_err(format_error)
+        let bytes = safetensors::serialize(tensors, None).map_err(format_error)?;
+        with_metadata(&bytes, &metadata)
     }
 
     /// Reads a file written by [`Weights::to_bytes`].
@@ -247,19 +248,39 @@ pub(crate) fn metadata(
     skin: &str,
     pixels: [usize; 2],
     about: &BTreeMap<String, String>,
-) -> Result<HashMap<String, String>, DenoiseError> {
+) -> Result<BTreeMap<String, String>, DenoiseError> {
     let UnetShape { history, width, depth, images, conditions, fold } = shape;
     let sizes = [history, width, depth, images, conditions, fold].map(|size| size.to_string());
     let pixels = format!("{}x{}", pixels[0], pixels[1]);
     let own = [VERSION.to_owned()].into_iter().chain(sizes).chain([skin.to_owned(), pixels]);
-    let mut metadata: HashMap<String, String> =
-        about.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
+    let mut metadata = about.clone();
     for (key, value) in KEYS.into_iter().zip(own) {
         if metadata.insert(key.to_owned(), value).is_some() {
             return Err(DenoiseError::format(format!("the key \"{key}\" belongs to the format")));
         }
     }
     Ok(metadata)
+}
+
+/// Inserts metadata into the header of a file in the order of their keys, so that the same weights give the same bytes;
+/// `safetensors` writes them in a random order.
+fn with_metadata(
+    bytes: &[u8],
+    metadata: &BTreeMap<String, String>,
+) -> Result<Vec<u8>, DenoiseError> {
+    let wrong = |what: &dyn std::fmt::Display| DenoiseError::format(format!("its header: {what}"));
+    // its length, then JSON padded with spaces to a multiple of eight bytes, then the tensors
+    let (length, rest) = bytes.split_first_chunk::<8>().ok_or_else(|| wrong(&"too short"))?;
+    let length = u64::from_le_bytes(*length) as usize;
+    let (header, tensors) = rest.split_at_checked(length).ok_or_else(|| wrong(&"too short"))?;
+    let rest = header.strip_prefix(b"{").ok_or_else(|| wrong(&"no object"))?;
+    let mut header = b"{\"__metadata__\":".to_vec();
+    serde_json::to_writer(&mut header, metadata).map_err(|e| wrong(&e))?;
+    header.push(b',');
+    header.extend(rest);
+    header.resize(header.len().next_multiple_of(8), b' ');
+    let length = (header.len() as u64).to_le_bytes();
+    Ok([&length, &header[..], tensors].concat())
 }
 
 fn number(text: &str) -> Result<usize, DenoiseError> {

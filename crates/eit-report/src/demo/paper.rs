@@ -30,6 +30,9 @@ use std::time::Instant;
 const SEED: u64 = 1;
 /// Number of snapshots of each experiment in the paper's figures.
 const SNAPSHOTS: usize = 21;
+/// Number of frames, 20 of which are quiet, and of nodes of a check that takes seconds.
+const QUICK_FRAMES: usize = 45;
+const QUICK_NODES: usize = 3000;
 /// Forces and places learnt from presses.
 const LEARNED: &str = "presses.learned";
 /// What the scene says beside the skin, for images by the paper's equations.
@@ -98,7 +101,8 @@ pub fn run(
     let folder = DemoFolder::claim(&args.out, &own, args.force)?;
     folder.write_scene(&format!("{}\n{EQUATION_7}", Scene::text("paper-disc")?))?;
     let scene = Scene::load(&folder.scene().display().to_string())?;
-    let recordings = EXPERIMENTS.map(|experiment| record(&experiment, &scene, &folder, progress));
+    let recordings =
+        EXPERIMENTS.map(|experiment| record(&experiment, &scene, args.quick, &folder, progress));
     let [one, two] = recordings;
     let recordings = [one?, two?];
     let goes_on = || match stop.is_set() {
@@ -142,11 +146,17 @@ pub fn run(
 fn record(
     experiment: &Experiment,
     scene: &Scene,
+    quick: bool,
     folder: &DemoFolder,
     progress: &mut Progress,
 ) -> Result<SimulatedRecording, ReportError> {
-    let settings =
-        SimulateSettings { script: experiment.script.to_owned(), seed: SEED, ..Default::default() };
+    let settings = SimulateSettings {
+        script: experiment.script.to_owned(),
+        seed: SEED,
+        frames: quick.then_some(QUICK_FRAMES),
+        nodes: quick.then_some(QUICK_NODES),
+        threads: None,
+    };
     progress.group(experiment.name.to_owned());
     let made = SimulatedRecording::run(scene, &settings, progress)?;
     let mut out = OutFolder::new(folder.join(experiment.folder))?;

@@ -1,5 +1,4 @@
-//! The pictures, each corresponding to one of the paper's figures. One file because they form a
-//! single list.
+//! The pictures. One file because they form a single list.
 
 use super::accuracy::Accuracy;
 use super::experiment::Experiment;
@@ -14,10 +13,10 @@ use eit_skin::Steps;
 use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use ndarray::{ArrayView2, Axis};
 
-/// The mesh, corresponding to the paper's figure 3.
-pub(super) const MESH: &str = "figure-03-mesh.png";
-/// The tracks of the fingers, corresponding to figure 4.
-pub(super) const WAYS: &str = "figure-04-ways.png";
+/// The mesh.
+pub(super) const MESH: &str = "mesh.png";
+/// The tracks of the fingers.
+pub(super) const WAYS: &str = "ways.png";
 /// Time from a frame to its image and touches.
 pub(super) const LATENCY: &str = "latency.png";
 /// Both experiments on one page.

@@ -18,7 +18,7 @@ const REACH: f64 = 4.0;
 /// from the artefacts of the raw image, above all beside a lost electrode, where those reach 80 mm.
 const KEPT: [f64; 2] = [8.0, 11.0];
 /// Limit of an image far from every touch, as a part of its largest value near them. Not zero: fabric that fingers have
-/// left still differs by some percent, and the net draws that. Squared error on the paper's script, of the raw image's: with
+/// left still differs by some percent, and the net draws that. Squared error on the script `one-finger`, of the raw image's: with
 /// zero 0.064 instead of 0.059 without a limit (seed 6411), with this 0.061 as without (seed 6601).
 const MOST_FAR: f64 = 0.05;
 /// A touch's blob has its largest value within this distance, in pixels; on the paper's skin at 64 pixels 12 mm.

@@ -1,13 +1,13 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
+use super::BaseRequest;
 use super::motion::{self, Fingers, Hand, MOST, QUIET, RATE_HZ, RECIPE, fabric, script};
 use super::shared::{Shared, TurnedOrder, touches_of};
-use super::{BaseRequest, Wanted};
 use crate::denoise::Lengths;
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{ImageStack, Shard, ThresholdRule};
+use eit_denoise::{ImageStack, Shard};
 use eit_fem::fabric::{Fabric, PlayCircle, Random, Simulation, SimulationSettings, TouchScript};
 use eit_fem::{FemError, Protocol};
 use eit_mesh::Raster;
@@ -26,7 +26,6 @@ pub(crate) struct Simulated {
     frames: usize,
     hand: Hand,
     script: Option<String>,
-    wanted: Wanted,
     simulating: Skin,
     fine: Raster,
     /// Root mean square of the untouched skin's voltages, volt.
@@ -87,8 +86,8 @@ impl Simulated {
         let squares = voltages.iter().map(|v| v * v).sum::<f64>();
         let rms_v = (squares / voltages.len().max(1) as f64).sqrt();
         let electrodes = electrodes_of(&simulating.protocol);
-        let (script, wanted) = (args.script.clone(), args.wanted);
-        Ok(Self { frames: args.frames, hand, script, wanted, simulating, fine, rms_v, electrodes })
+        let script = args.script.clone();
+        Ok(Self { frames: args.frames, hand, script, simulating, fine, rms_v, electrodes })
     }
 
     /// Describes everything besides the chain that the training pairs depend on.
@@ -104,10 +103,7 @@ impl Simulated {
                 format!("{RECIPE}, fingers {fingers:?}{tips}")
             }
         };
-        format!(
-            "{} frames, simulated on {NODES} nodes, {scripts}, wanted {:?}, {:?}",
-            self.frames, self.wanted, skin.fabric,
-        )
+        format!("{} frames, simulated on {NODES} nodes, {scripts}, {:?}", self.frames, skin.fabric,)
     }
 
     /// Makes a sequence by its number.
@@ -206,11 +202,6 @@ impl Simulated {
         let fine = &made.truth.conductivity_change_s;
         let mask = raster.mask();
         let stack = |images| ImageStack::new(images, mask.clone());
-        if self.wanted == Wanted::Rule {
-            let raw = stack(raw)?;
-            let wanted = ThresholdRule::default().on(mask.view())?.apply(&raw)?;
-            return Ok(Shard { data, touches, ..Shard::new(&raw, &wanted)? });
-        }
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
             true => self.true_mean(fine.index_axis(Axis(0), f), raster, [r, c], to_old),
             false => f64::NAN,

@@ -82,12 +82,12 @@ fn trainings(shown: &[Shown; 2]) -> Block {
         "fingers shown (%)",
     ];
     let mut rows = Vec::new();
-    for training in 0..2 {
+    for (training, own) in EXPERIMENTS.iter().enumerate() {
         for of in shown {
             let made = &of.trained[training];
             let [to_rule, to_truth] = of.over_raw(made);
             rows.push(vec![
-                format!("{}: {}", training + 1, EXPERIMENTS[training].name),
+                format!("{}: {}", training + 1, own.name),
                 of.experiment.name.to_owned(),
                 format!("{to_rule:.3}"),
                 format!("{:.0}", 100.0 * of.halved(made)),
