@@ -27,6 +27,8 @@ pub(super) struct Imaged {
     pub to_rule_s2: Vec<f64>,
     /// The same to the truth.
     pub to_truth_s2: Vec<f64>,
+    /// The same before the U-net of the defaults; empty without it.
+    pub raw_to_truth_s2: Vec<f64>,
     /// Pressures, where forces are known.
     pub pressed: Option<Pressed>,
     /// Touches of each frame as seen from +z, metres.
@@ -48,6 +50,8 @@ pub(super) struct Pressed {
 #[derive(Clone)]
 struct Made {
     values: Array3<f64>,
+    /// Images before the U-net, if there is one.
+    raw: Option<Array3<f64>>,
     raster: Raster,
     pressed: Option<Pressed>,
     marks_m: Vec<Vec<[f64; 2]>>,
@@ -100,10 +104,12 @@ fn reconstruct(
     let frames = skin.frames_of_values(&recording.simulation.frames_v)?;
     let count = frames.values.nrows();
     let mut made = skin.reconstruct(frames, None, progress)?;
+    let raw = made.net.as_ref().map(|_| made.images.values.clone());
     made.denoise(progress)?;
     Ok(Made {
         pressed: pressed(&made)?,
         marks_m: made.touches.as_ref().map_or_else(Vec::new, |found| found.marks(count)),
+        raw,
         values: made.images.values,
         raster: made.images.raster,
         time_s: start.elapsed().as_secs_f64(),
@@ -158,13 +164,21 @@ fn shown(
 
 impl Made {
     fn judged(self, wanted: &Array3<f64>, truth: &Array3<f64>) -> Imaged {
-        let errors = |aim: &Array3<f64>| {
-            let pairs = self.values.axis_iter(Axis(0)).zip(aim.axis_iter(Axis(0)));
+        let errors = |images: &Array3<f64>, aim: &Array3<f64>| -> Vec<f64> {
+            let pairs = images.outer_iter().zip(aim.outer_iter());
             pairs.map(|(image, aim)| squared_error(image, aim)).collect()
         };
-        let (to_rule_s2, to_truth_s2) = (errors(wanted), errors(truth));
-        let Self { values, raster, pressed, marks_m, time_s } = self;
-        Imaged { values, raster, to_rule_s2, to_truth_s2, pressed, marks_m, time_s }
+        let Self { values, raw, raster, pressed, marks_m, time_s } = self;
+        Imaged {
+            to_rule_s2: errors(&values, wanted),
+            to_truth_s2: errors(&values, truth),
+            raw_to_truth_s2: raw.map_or_else(Vec::new, |raw| errors(&raw, truth)),
+            values,
+            raster,
+            pressed,
+            marks_m,
+            time_s,
+        }
     }
 }
 
@@ -183,14 +197,13 @@ pub(in super::super) fn squared_error(
 
 impl Shown {
     /// Root mean square error to the truth over the truth's root mean square, median of the frames with a finger.
-    pub(super) fn relative_error(&self, imaged: &Imaged) -> f64 {
+    pub(super) fn relative_error(&self, to_truth_s2: &[f64]) -> f64 {
         let truth = &self.recording.simulation.truth.conductivity_change_s;
         let energy = |&frame: &usize| {
             let image = truth.index_axis(Axis(0), frame);
             squared_error(image, ndarray::Array2::zeros(image.dim()).view())
         };
-        let of =
-            self.touched.iter().map(|frame| (imaged.to_truth_s2[*frame] / energy(frame)).sqrt());
+        let of = self.touched.iter().map(|frame| (to_truth_s2[*frame] / energy(frame)).sqrt());
         median(of).unwrap_or(f64::NAN)
     }
 
