@@ -175,7 +175,7 @@ pub(crate) enum Command {
     /// electrode is the first, in which direction they are counted, and whether a touch raises the
     /// conductivity. Then writes a commented scene for `eit check` and `eit live`.
     ///
-    /// Unknown quantities (the sheet's conductivity, the contact impedances) are those of the paper's fabric:
+    /// Unknown quantities (the sheet's conductivity, the contact impedances) are those assumed for paper-disc:
     /// touches do not depend on them. docs/BUILD_A_SKIN.md leads from fabric and wires to a program.
     ///
     /// Example: eit init my.toml --width-mm 120 --height-mm 80 --electrodes 16 --port /dev/ttyACM0

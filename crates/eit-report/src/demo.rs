@@ -48,7 +48,7 @@ pub const RECORDINGS: [(&str, &str); 2] = [
 /// Names of all files that a demo writes.
 fn own() -> Vec<&'static str> {
     let mut own = vec!["scene.toml", REPORT, NUMBERS];
-    own.extend([pictures::MESH, pictures::WAYS, pictures::LATENCY, pictures::OVERVIEW]);
+    own.extend([pictures::LATENCY, pictures::OVERVIEW]);
     for experiment in EXPERIMENTS {
         own.extend([experiment.folder, experiment.recording, experiment.movie]);
         own.extend(experiment.figures);
@@ -208,7 +208,7 @@ impl Stage<'_> {
     ) -> Result<Answer, ReportError> {
         let mut out = OutFolder::new(self.folder.path())?;
         progress.stage("report", || {
-            files.extend(pictures::of_both(shown, self.model, &self.skin)?);
+            files.extend(pictures::of_both(shown, &self.skin)?);
             let page = page::page(shown, &files, self.model, self.folder, nodes, seconds);
             for (name, bytes) in &files {
                 out.write(name, |w| w.write_all(bytes).map_err(io))?;

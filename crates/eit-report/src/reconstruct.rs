@@ -99,7 +99,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let pressures = done.pressures()?;
     if let (Some(pressures), Some(found)) = (&pressures, found) {
         pressures::write(&mut out, pressures, found, &drawing, &settings, frames.rate_hz)?;
-        notes.push(pressures::note(pressures, done.net.is_some()));
+        notes.push(pressures::note(pressures));
     }
     let images = done.images.values.view();
     let untouched = found.filter(|found| found.count() == 0);

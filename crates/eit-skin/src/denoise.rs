@@ -37,7 +37,7 @@ pub struct Net {
     source: String,
     skin: String,
     /// Whether it was trained for this skin and number of pixels.
-    is_of_this_skin: bool,
+    pub(crate) is_of_this_skin: bool,
     /// Sign by which images are multiplied: -1 if touches lower the conductivity, since nets are trained on
     /// touches that raise it.
     sign: f64,

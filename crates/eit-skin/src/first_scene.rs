@@ -7,7 +7,7 @@
 //!    presses at known places, whether a touch raises or lowers the conductivity, and whether two neighbouring
 //!    electrodes have exchanged their wires.
 //!
-//! [`FirstScene::to_toml`] writes the result, with comments. Unknown values are those of the paper's fabric:
+//! [`FirstScene::to_toml`] writes the result, with comments. Unknown values are those assumed for `paper-disc`:
 //! normalised differences do not depend on the conductivity, and hardly on the contact impedance.
 //!
 //! ```
@@ -32,9 +32,9 @@ use crate::error::SkinError;
 use crate::scene::{ChangeSign, Direction, Scene, ValueKind, from_toml};
 use eit_fem::{DrivenElectrodes, PairProtocol};
 
-/// Conductivity of the paper's fabric, siemens per square.
+/// Conductivity that `paper-disc` assumes, siemens per square.
 const CONDUCTIVITY_S: f64 = 1e-5;
-/// Contact impedance of the paper's electrodes, ohm metre.
+/// Contact impedance that `paper-disc` assumes, ohm metre.
 const CONTACT_IMPEDANCE_OHM_M: f64 = 1e3;
 /// Largest electrode width assumed where it was not measured, metres.
 const WIDEST_M: f64 = 0.01;
@@ -188,7 +188,7 @@ impl FirstScene {
         text += &format!(
             "[skin]\n{shape}\n\
              # the sheet was not measured. Touches and normalised images are relative to it, so the\n\
-             # paper's value suffices; `eit calibrate` fits it if absolute images are needed\n\
+             # assumed value suffices; `eit calibrate` fits it if absolute images are needed\n\
              conductivity_s = {CONDUCTIVITY_S:e}\n\n\
              [electrodes]                   # equally spaced along the rim\n\
              count = {}\n\

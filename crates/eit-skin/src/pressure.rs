@@ -30,8 +30,9 @@ pub struct MeanPressure {
     pub area_m2: f64,
     /// Force over area, pascal.
     pub pressure_pa: f64,
-    /// Its standard deviation, pascal: that of the force, and an outline of the area that is rounded to pixels.
-    pub std_pa: f64,
+    /// Its standard deviation, pascal: that of the force, and an outline of the area that is rounded to pixels. `None`
+    /// where no U-net trained for this skin has restored the width of the contact: then the pressure is a lower bound.
+    pub std_pa: Option<f64>,
 }
 
 /// The pixels of a touch.
@@ -55,6 +56,7 @@ impl Reconstruction {
         }
         let raster = &self.images.raster;
         let areas_m2 = raster.image_from_pixels(raster.covered_areas_m2())?;
+        let is_restored = self.restores_widths();
         let sign = self.fitted.skin.skin.settings.touch.sign.factor();
         let mut images_pa =
             self.images.values.mapv(|value| if value.is_nan() { value } else { 0.0 });
@@ -72,12 +74,22 @@ impl Reconstruction {
                     let mut pressures = images_pa.index_axis_mut(Axis(0), frame);
                     let sum: f64 = print.pixels.iter().map(|&at| image[at] * areas_m2[at]).sum();
                     print.pixels.iter().for_each(|&at| pressures[at] += force.0 * image[at] / sum);
-                    Some(print.mean(force, &areas_m2, raster.pixel_m()))
+                    let mean = print.mean(force, &areas_m2, raster.pixel_m());
+                    let std_pa = mean.std_pa.filter(|_| is_restored);
+                    Some(MeanPressure { std_pa, ..mean })
                 });
                 touches.push(of_touch);
             }
         }
         Ok(Some(Pressures { images_pa, touches }))
+    }
+
+    /// Whether a U-net trained for this skin makes touches as wide as contacts.
+    fn restores_widths(&self) -> bool {
+        #[cfg(feature = "denoise")]
+        return self.net.as_ref().is_some_and(|net| net.is_of_this_skin);
+        #[cfg(not(feature = "denoise"))]
+        false
     }
 }
 
@@ -139,7 +151,7 @@ impl Print {
         let outline_m = self.sides as f64 * pixel_m;
         let pressure_pa = force_n / area_m2;
         let std = (std_n / force_n).hypot(ROUNDING * pixel_m * outline_m / area_m2);
-        MeanPressure { area_m2, pressure_pa, std_pa: pressure_pa * std }
+        MeanPressure { area_m2, pressure_pa, std_pa: Some(pressure_pa * std) }
     }
 }
 
@@ -176,7 +188,7 @@ mod tests {
         let mean = print.mean((1.6, 0.16), &areas_m2, 2e-3);
         assert!((mean.pressure_pa - 2e4).abs() < 1e-9 * 2e4, "{mean:?}");
         let rounding = 2e-3 / 12.0_f64.sqrt() * 18.0 * 2e-3 / 8e-5;
-        assert!((mean.std_pa / 2e4 - 0.1_f64.hypot(rounding)).abs() < 1e-12, "{mean:?}");
+        assert!((mean.std_pa.unwrap() / 2e4 - 0.1_f64.hypot(rounding)).abs() < 1e-12, "{mean:?}");
         // nothing positive, or nothing at all
         assert!(Print::around(image.view(), [15, 15], &[[15, 15]]).is_none());
         image.fill(f64::NAN);

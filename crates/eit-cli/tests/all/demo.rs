@@ -56,7 +56,7 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
     let named: Vec<&str> =
         page.split("<img src=\"").skip(1).map(|p| p.split('"').next().unwrap()).collect();
     let files = named.iter().filter(|name| !name.starts_with("data:"));
-    assert_eq!(files.clone().count(), 11, "{named:?}");
+    assert_eq!(files.clone().count(), 9, "{named:?}");
     assert!(files.clone().all(|name| exists(format!("{out}/{name}"))), "{named:?}");
     for never in ["http:", "https:", "<script", "src=\"/", "href=\"/"] {
         assert!(!page.contains(never), "{never}");

@@ -98,15 +98,15 @@ fn presses_become_newtons() {
     let pressures = read_text(format!("{out}/pressure.csv"));
     let side_m = 0.2 / images.dim().1 as f64;
     for line in pressures.lines().skip(1) {
-        let values: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
-        let [frame, force_n, force_std_n, area_m2, mean_pa, std_pa] =
-            [0, 3, 4, 5, 6, 7].map(|k| values[k]);
+        // no net has restored the width of the contact: the pressure is a lower bound without an error
+        let values = line.strip_suffix(',').unwrap().split(',');
+        let values: Vec<f64> = values.map(|v| v.parse().unwrap()).collect();
+        let [frame, force_n, area_m2, mean_pa] = [0, 3, 5, 6].map(|k| values[k]);
         let image = images.index_axis(ndarray::Axis(0), frame as usize);
         let sum_n: f64 = image.iter().filter(|pa| pa.is_finite()).sum::<f64>() * side_m.powi(2);
         // a pixel at the rim is covered in part
         assert!((sum_n / force_n - 1.0).abs() < 0.15, "{line}: {sum_n} N");
         assert!((mean_pa * area_m2 / force_n - 1.0).abs() < 1e-3, "{line}");
-        assert!(std_pa > mean_pa * force_std_n / force_n, "{line}");
     }
     // 13 presses of 14 steady frames and some more
     assert!(pressures.lines().count() > 13 * 14, "{pressures}");

@@ -19,7 +19,6 @@ pub(super) fn page(
 ) -> Page {
     let mut sections = vec![what(shown, files, model, nodes, seconds)];
     sections.extend(shown.iter().map(|shown| of_experiment(shown, files)));
-    sections.push(skin(files));
     sections.push(latency(shown, files));
     sections.push(left_out_section(shown, model));
     sections.push(again(shown, folder));
@@ -166,17 +165,6 @@ fn of_experiment(shown: &Shown, files: &[File]) -> Section {
         ),
     ];
     Section { title: experiment.name.to_owned(), blocks: blocks.into_iter().flatten().collect() }
-}
-
-fn skin(files: &[File]) -> Section {
-    let blocks = [
-        beside(files, pictures::MESH, "The reconstruction mesh.".to_owned()),
-        beside(files, pictures::WAYS, "The tracks of the fingers.".to_owned()),
-    ];
-    Section {
-        title: "The skin and the fingers".to_owned(),
-        blocks: blocks.into_iter().flatten().collect(),
-    }
 }
 
 fn latency(shown: &[Shown], files: &[File]) -> Section {

@@ -6,17 +6,12 @@ use super::live::LiveRun;
 use crate::error::ReportError;
 use eit_fem::fabric::Simulation;
 use eit_picture::{
-    Canvas, FrameLabels, MeshDrawing, PictureSettings, Plot, Series, SkinDrawing, Track,
-    TracksPanel, View, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
+    Canvas, FrameLabels, PictureSettings, Plot, Series, SkinDrawing, Track, TracksPanel, draw_plot,
+    draw_sheet, draw_tracks, write_gif,
 };
 use eit_skin::Steps;
-use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use ndarray::{ArrayView2, Axis};
 
-/// The mesh.
-pub(super) const MESH: &str = "mesh.png";
-/// The tracks of the fingers.
-pub(super) const WAYS: &str = "ways.png";
 /// Time from a frame to its image and touches.
 pub(super) const LATENCY: &str = "latency.png";
 /// Both experiments on one page.
@@ -213,7 +208,7 @@ impl Shown {
                 _ => name,
             };
             let places_m = of.iter().map(|(_, t)| [t.position_m[0], t.position_m[1]]).collect();
-            let mut tracks = ways(&self.truth, Some("the finger"));
+            let mut tracks = ways(&self.truth);
             let name = "one dot per frame, pale at first".to_owned();
             tracks.push(Track { name, places_m, is_truth: false });
             TracksPanel { label, tracks, first_color }
@@ -252,17 +247,18 @@ pub(super) fn capitalised(text: &str) -> String {
 }
 
 /// True track of each finger; the first one has the name.
-fn ways(truth: &Simulation, name: Option<&str>) -> Vec<Track> {
+fn ways(truth: &Simulation) -> Vec<Track> {
     let mut fingers: Vec<u32> = truth.truth.touches.iter().map(|touch| touch.finger).collect();
     fingers.sort_unstable();
     fingers.dedup();
     let way = |(k, finger): (usize, &u32)| {
         let of = truth.truth.touches.iter().filter(|touch| touch.finger == *finger);
-        let name = match (name, fingers.len()) {
-            (Some(name), 1) => name.to_owned(),
-            (Some(_), _) if k == 0 => "the fingers".to_owned(),
-            _ => String::new(),
+        let name = match (k, fingers.len()) {
+            (_, 1) => "the finger",
+            (0, _) => "the fingers",
+            _ => "",
         };
+        let name = name.to_owned();
         Track { name, places_m: of.map(|touch| touch.position_m).collect(), is_truth: true }
     };
     fingers.iter().enumerate().map(way).collect()
@@ -326,12 +322,8 @@ fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, 
 }
 
 /// Draws the pictures that cover both experiments.
-pub(super) fn of_both(
-    shown: &[Shown],
-    model: &LiveModel,
-    skin: &SkinDrawing,
-) -> Result<Vec<File>, ReportError> {
-    let mut files = vec![png(MESH, &mesh(model)?)?, png(WAYS, &all_ways(shown, skin)?)?];
+pub(super) fn of_both(shown: &[Shown], skin: &SkinDrawing) -> Result<Vec<File>, ReportError> {
+    let mut files = Vec::new();
     if let Some(canvas) = latency(shown)? {
         files.push(png(LATENCY, &canvas)?);
     }
@@ -345,41 +337,6 @@ pub(super) fn of_both(
     };
     files.push(png(OVERVIEW, &sheet(&frames, skin, settings)?)?);
     Ok(files)
-}
-
-/// Draws the reconstruction mesh with its electrodes.
-fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
-    let surface = model.skin().mesh.surface();
-    let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
-    let triangles: Vec<[usize; 3]> =
-        surface.triangles().iter().map(|t| t.map(|node| node as usize)).collect();
-    let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: None };
-    let settings = PictureSettings {
-        title: "Reconstruction mesh of the fabric with its 16 electrodes".to_owned(),
-        ..Default::default()
-    };
-    Ok(draw_mesh(&drawing, &SkinDrawing::from_mesh(&model.skin().mesh, &View::TOP), &settings)?)
-}
-
-/// Draws the tracks of the fingers.
-fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> {
-    let panel = |shown: &Shown| {
-        let frames = shown.truth.frames_v.nrows();
-        let label = format!(
-            "{}: {frames} frames, the first {REFERENCE_FRAMES} untouched",
-            shown.experiment.name
-        );
-        let mut tracks = ways(&shown.truth, None);
-        let starts = tracks.iter().filter_map(|track| track.places_m.first().copied());
-        let starts =
-            Track { name: "start".to_owned(), places_m: starts.collect(), is_truth: false };
-        tracks.push(starts);
-        TracksPanel { label, tracks, first_color: 6 }
-    };
-    let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
-    let settings =
-        PictureSettings { title: "Tracks of the fingers".to_owned(), ..Default::default() };
-    Ok(draw_tracks(&panels, skin, &settings)?)
 }
 
 /// Draws the distribution of the time from the last byte of a frame to its image and touches.

@@ -38,8 +38,12 @@ pub(super) fn write(
             let ((frame, time_s), id) = (found.in_recording(row), row.touch.id);
             writeln!(
                 w,
-                "{frame},{time_s:.6},{id},{:.4},{:.4},{:.4e},{:.4e},{:.4e}",
-                force.0, force.1, mean.area_m2, mean.pressure_pa, mean.std_pa
+                "{frame},{time_s:.6},{id},{:.4},{:.4},{:.4e},{:.4e},{}",
+                force.0,
+                force.1,
+                mean.area_m2,
+                mean.pressure_pa,
+                mean.std_pa.map_or_else(String::new, |std_pa| format!("{std_pa:.4e}"))
             )
             .map_err(io)?;
         }
@@ -64,20 +68,22 @@ pub(super) fn write(
 /// Median of the pressures, and of their stated errors.
 fn medians(pressures: &Pressures) -> [Option<f64>; 2] {
     let all = || pressures.touches.iter().flatten();
-    [median(all().map(|mean| mean.pressure_pa)), median(all().map(|mean| mean.std_pa))]
+    [median(all().map(|mean| mean.pressure_pa)), median(all().filter_map(|mean| mean.std_pa))]
 }
 
-/// The pressures in words; an image without a net is wider than the contact.
-pub(super) fn note(pressures: &Pressures, has_net: bool) -> String {
-    let [pressure_pa, std_pa] = medians(pressures).map(|pa| 1e-3 * pa.unwrap_or(f64::NAN));
-    let width = match has_net {
-        true => "",
-        false => ", which without a U-net is wider than the contact: pressures are too small",
+/// The pressures in words.
+pub(super) fn note(pressures: &Pressures) -> String {
+    let [pressure_pa, std_pa] = medians(pressures);
+    let kpa = 1e-3 * pressure_pa.unwrap_or(f64::NAN);
+    let value = match std_pa {
+        Some(std_pa) => format!("pressure {kpa:.3} +- {:.3} kPa", 1e-3 * std_pa),
+        None => format!(
+            "pressure at least {kpa:.3} kPa, as images without a U-net for this skin are wider than the contact"
+        ),
     };
+    let count = pressures.touches.iter().flatten().count();
     format!(
-        "pressure {pressure_pa:.3} +- {std_pa:.3} kPa (medians of {} touches in a frame): force over the touch's area in the \
-         image{width}",
-        pressures.touches.iter().flatten().count()
+        "{value}: force over the area of a touch in the image, median of {count} touches in a frame"
     )
 }
 

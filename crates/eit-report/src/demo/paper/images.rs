@@ -278,7 +278,7 @@ impl Shown {
             found_pa: of(&|mean, _| mean.pressure_pa)?,
             true_pa: of(&|_, true_pa| true_pa)?,
             error: of(&|mean, true_pa| (mean.pressure_pa / true_pa - 1.0).abs())?,
-            stated: of(&|mean, _| mean.std_pa / mean.pressure_pa)?,
+            stated: of(&|mean, _| mean.std_pa.unwrap_or(f64::NAN) / mean.pressure_pa)?,
         })
     }
 }
