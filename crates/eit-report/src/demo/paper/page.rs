@@ -99,9 +99,9 @@ fn trainings(shown: &[Shown; 2]) -> Block {
     Block::Table {
         head: head.map(str::to_owned).to_vec(),
         rows,
-        note: "Mean squared errors, medians of the frames with a finger. The wanted images, which the paper judges by, \
-               are the images themselves after suppression of the rim, the rule of 55 % and that of 15 pixels; the \
-               truth is what the simulated finger changed. A finger is shown if the strongest pixel within 20 mm of it has \
+        note: "Mean squared errors, medians of the frames with a finger. Wanted images, by which a recording without truth \
+               is judged, are the images themselves after suppression of the rim, the rule of 55 % and that of 15 pixels; \
+               the truth is what the simulated finger changed. A finger is shown if the strongest pixel within 20 mm of it has \
                a fifth of the raw image's or more."
             .to_owned(),
     }
@@ -114,7 +114,7 @@ fn halved(shown: &[Shown; 2]) -> String {
     };
     format!(
         "The paper says that errors are reduced by more than half. Here they are in at least {:.0} % of the frames, in \
-         every training on either experiment, if judged as the paper does.",
+         every training on either experiment, if judged by the wanted images.",
         100.0 * least(|of, made| of.halved(made))
     )
 }
@@ -123,7 +123,7 @@ fn experiments(shown: &[Shown; 2], files: &[File]) -> Section {
     let mut blocks = Vec::new();
     let says = [
         "The paper: one finger anticlockwise near the rim, from snapshot 13 of 21 towards the top left and through the \
-         centre, where total variation in space and time is its merit.",
+         centre, where it claims the merit of total variation in space and time.",
         "The paper: two fingers, clockwise.",
     ];
     for (k, (of, says)) in shown.iter().zip(says).enumerate() {
