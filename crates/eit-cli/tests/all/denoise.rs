@@ -387,11 +387,14 @@ fn a_net_learns_from_a_recording() {
     let shard = |k: usize| read(folder.path(&format!("w.base/shard-{k:05}.safetensors")));
     // the recording itself, then turned by one of the 32 symmetries: not the same bytes
     assert!((1..4).any(|k| shard(k) != shard(0)));
-    // as in the paper: 24 frames have a finger, the others are of the turned copy
-    let pairs = folder.path("pairs.safetensors");
+    // as in the paper: some 24 of 45 frames have a finger, away from the rim, the others are of the turned copy
+    let [held, pairs] = folder.paths(["held", "pairs.safetensors"]);
+    succeed(format!(
+        "simulate {scene} --script press-and-hold --frames 45 --nodes 900 --out {held}"
+    ));
     let as_paper = |count: usize| {
         format!(
-            "net train {touched}/scene.toml --recording {touched}/frames.npy --out {pairs} --method gauss-newton \
+            "net train {held}/scene.toml --recording {held}/frames.npy --out {pairs} --method gauss-newton \
              --images 1 --pairs {count} --epochs 1 --width 2 --force"
         )
     };
