@@ -168,7 +168,7 @@ fn centred(of: &Shown) -> String {
 
 fn movement(files: &[File]) -> Section {
     let caption = "The paper: a phantom with one inclusion beside the fabric near the rim and with two fingers, and how electrodes \
-                   move. Here: the same; without movement there are no spots at the electrodes.";
+                   move. Here: the same; without movement spots at the electrodes are faint.";
     Section {
         title: "Why there are artefacts (figure 5)".to_owned(),
         blocks: picture(files, figures::MOVEMENT, caption.to_owned()).into_iter().collect(),
