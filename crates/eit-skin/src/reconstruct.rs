@@ -62,6 +62,8 @@ pub struct Reconstruction {
     /// The U-net that the settings name, which [`Reconstruction::denoise`] applies.
     #[cfg(feature = "denoise")]
     pub net: Option<Net>,
+    /// Frames whose images come from a U-net that was trained for this skin.
+    pub(crate) cleaned_frames: Vec<bool>,
 }
 
 impl Skin {
@@ -121,6 +123,7 @@ impl Skin {
             images,
             #[cfg(feature = "denoise")]
             net,
+            cleaned_frames: vec![false; count],
         })
     }
 }
@@ -217,6 +220,12 @@ impl Reconstruction {
             Some(found) => check.with_touches(found),
             None => check,
         };
-        net.apply(&mut self.images.values, &self.images.raster, Some(&check), progress)
+        let checked =
+            net.apply(&mut self.images.values, &self.images.raster, Some(&check), progress)?;
+        self.cleaned_frames.fill(net.is_of_this_skin);
+        for &raw in checked.iter().flat_map(|checked| &checked.raw_frames) {
+            self.cleaned_frames[raw] = false;
+        }
+        Ok(checked)
     }
 }
