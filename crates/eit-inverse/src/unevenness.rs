@@ -10,8 +10,8 @@
 //! known up to a factor. The amplitude and that factor maximise the evidence (marginal likelihood). The
 //! amplitude is zero if an even sheet explains the frame equally well.
 //!
-//! **Cost** for `n` voltages, `p` positions: `2 n p (elements + n)` flops and 32 Cholesky factorisations of
-//! `n^3 / 3`, once, at set-up.
+//! **Cost** for `n` voltages, `p` positions, `u` unknowns: `2 n p elements` flops and 32 Cholesky factorisations of
+//! `m^3 / 3` with `m = min(n, p + u)`, once, at set-up. Outside the range of `[J B, U]` is `e` alone.
 //!
 //! Source: Kaipio, Somersalo, *Statistical and Computational Inverse Problems* (2005), section 3.3; MacKay,
 //! *Neural Computation* 4 (1992), 415-447, for the evidence.
@@ -129,7 +129,8 @@ impl UnevenSheet {
         model: &ReferenceModel<'_>,
         before: Option<&Unevenness>,
     ) -> Result<Unevenness, InverseError> {
-        let (columns, frame) = self.frame(model, before)?;
+        let none = Mat::zeros(self.check(model)?.len(), 0);
+        let (columns, _, frame) = self.frame(model, before, &none)?;
         let even = frame.better(frame.at(0.0, 1.0)?, ERROR_SCALES.map(|scale| (0.0, scale)))?;
         let best = frame.uneven(&even)?;
         let log_evidence = best.log_evidence - even.log_evidence;
@@ -157,11 +158,11 @@ impl UnevenSheet {
     ) -> Result<Effects, InverseError> {
         check_length("rows of the effects", effects.nrows(), model.used.len())?;
         let rows = self.check(model)?;
-        let (_, mut frame) = self.frame(model, None)?;
-        let without = frame.best()?;
         let effects = Mat::from_fn(rows.len(), effects.ncols(), |row, k| {
             effects[(rows[row], k)] / model.error_v[rows[row]]
         });
+        let (_, effects, mut frame) = self.frame(model, None, &effects)?;
+        let without = frame.best()?;
         frame.errors += &effects * effects.transpose();
         let with = frame.best()?;
         let factor = frame.factor(with.amplitude, with.error_scale)?;
@@ -174,12 +175,13 @@ impl UnevenSheet {
         })
     }
 
-    /// The frame in units of each voltage's error, and the effect of each bell on it.
+    /// The frame in units of each voltage's error, and the effects of each bell and of `effects` on it, without errors alone.
     fn frame(
         &self,
         model: &ReferenceModel<'_>,
         before: Option<&Unevenness>,
-    ) -> Result<(Mat<f64>, Frame), InverseError> {
+        effects: &Mat<f64>,
+    ) -> Result<(Mat<f64>, Mat<f64>, Frame), InverseError> {
         let rows = self.check(model)?;
         // in units of each voltage's error
         let weight = |row: usize| model.error_v[rows[row]].recip();
@@ -194,12 +196,19 @@ impl UnevenSheet {
         if let Some(before) = before {
             left += &columns * &before.coefficients;
         }
-        let unknowns = Mat::from_fn(rows.len(), model.unknowns.ncols(), |row, k| {
-            weight(row) * model.unknowns[(rows[row], k)]
+        let (places, unknowns) = (columns.ncols(), model.unknowns.ncols());
+        let all = Mat::from_fn(rows.len(), places + unknowns + effects.ncols(), |row, k| match k {
+            k if k < places => columns[(row, k)],
+            k if k < places + unknowns => weight(row) * model.unknowns[(rows[row], k - places)],
+            k => effects[(row, k - places - unknowns)],
         });
+        let (all, left, outside) = without_errors_alone(all, left);
+        let columns = all.subcols(0, places).to_owned();
+        let effects = all.subcols(places + unknowns, effects.ncols()).to_owned();
+        let unknowns = all.subcols(places, unknowns);
         let gram = &columns * columns.transpose();
-        let errors = &unknowns * unknowns.transpose();
-        Ok((columns, Frame { left, errors, gram }))
+        let errors = unknowns * unknowns.transpose();
+        Ok((columns, effects, Frame { left, errors, gram, outside }))
     }
 
     /// Checks the input and returns the used measurements.
@@ -234,6 +243,27 @@ struct Frame {
     errors: Mat<f64>,
     /// Covariance of voltages for an amplitude of 1.
     gram: Mat<f64>,
+    outside: Outside,
+}
+
+/// What is outside the range of all effects: errors alone.
+struct Outside {
+    count: usize,
+    /// Energy of the data there, in units of the voltages' errors.
+    square: f64,
+}
+
+/// Effects, `[measurement, effect]`, and data in an orthonormal basis of the range of the effects, if they are fewer than the
+/// measurements; and what is outside of it.
+fn without_errors_alone(effects: Mat<f64>, left: Col<f64>) -> (Mat<f64>, Col<f64>, Outside) {
+    let (measurements, inside) = effects.shape();
+    if inside >= measurements {
+        return (effects, left, Outside { count: 0, square: 0.0 });
+    }
+    let qr = effects.qr();
+    let projected = qr.compute_thin_Q().transpose() * &left;
+    let square = (left.squared_norm_l2() - projected.squared_norm_l2()).max(0.0);
+    (qr.thin_R().to_owned(), projected, Outside { count: measurements - inside, square })
 }
 
 /// A hypothesis and its evidence.
@@ -269,8 +299,10 @@ impl Frame {
     /// Factor of the covariance of the frame.
     fn factor(&self, amplitude: f64, error_scale: f64) -> Result<Llt<f64>, InverseError> {
         let size = self.left.nrows();
-        let mut covariance = &self.errors + faer::Scale(amplitude * amplitude) * &self.gram;
-        (0..size).for_each(|i| covariance[(i, i)] += error_scale * error_scale);
+        let covariance = Mat::from_fn(size, size, |i, j| {
+            let error = if i == j { error_scale * error_scale } else { 0.0 };
+            self.errors[(i, j)] + amplitude * amplitude * self.gram[(i, j)] + error
+        });
         Llt::new(covariance.as_ref(), Side::Lower)
             .map_err(|_| InverseError::Factorisation { what: "covariance of a frame", size })
     }
@@ -281,7 +313,9 @@ impl Frame {
         let square: f64 = self.left.iter().zip(solved.iter()).map(|(a, b)| a * b).sum();
         let diagonal = factor.L().diagonal().column_vector();
         let log_determinant: f64 = diagonal.iter().map(|d| 2.0 * d.ln()).sum();
-        let log_evidence = -0.5 * (square + log_determinant);
+        let Outside { count, square: outside } = self.outside;
+        let of_errors = outside / error_scale.powi(2) + count as f64 * error_scale.powi(2).ln();
+        let log_evidence = -0.5 * (square + log_determinant + of_errors);
         Ok(Choice { amplitude, error_scale, solved, log_evidence })
     }
 
@@ -295,5 +329,35 @@ impl Frame {
             let tried = self.at(amplitude, error_scale)?;
             Ok(if tried.log_evidence > best.log_evidence { tried } else { best })
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Effects of fewer unknowns than measurements: the small problem has the evidence and the coefficients of the covariance
+    /// of all measurements. 1e-10: rounding.
+    #[test]
+    fn errors_alone_are_left_out_exactly() {
+        let value =
+            |i: usize, k: usize| ((7 * i + 13 * k * k + 5 * i * k) % 29) as f64 / 29.0 - 0.4;
+        let effects = Mat::from_fn(40, 9, value);
+        let left = Col::from_fn(40, |i| value(i, 11));
+        let frame = |effects: &Mat<f64>, left, outside| {
+            let [gram, errors] =
+                [effects.subcols(0, 6), effects.subcols(6, 3)].map(|e| e * e.transpose());
+            Frame { left, errors, gram, outside }
+        };
+        let whole = frame(&effects, left.clone(), Outside { count: 0, square: 0.0 });
+        let (few, projected, outside) = without_errors_alone(effects.clone(), left);
+        assert_eq!((few.nrows(), outside.count), (9, 31));
+        let small = frame(&few, projected, outside);
+        for (amplitude, error_scale) in [(0.0, 1.0), (0.5, 0.3), (2.0, 4.0)] {
+            let [all, least] = [&whole, &small].map(|f| f.at(amplitude, error_scale).unwrap());
+            assert!((all.log_evidence - least.log_evidence).abs() < 1e-10 * all.log_evidence.abs());
+            let difference = effects.transpose() * &all.solved - few.transpose() * &least.solved;
+            assert!(difference.norm_max() < 1e-10, "{difference:?}");
+        }
     }
 }
