@@ -215,14 +215,14 @@ fn recordings_packed_hard_and_loosely() {
         let packed = ruzstd::encoding::compress_to_vec(content, level);
         chunk(b"zstd", &packed, content.len() as u64, 0)
     };
-    // the same frame for hours, in large chunks and in one chunk per frame
-    check_capture("lz4.mcap", &container(&[lz4_chunk(&frames).repeat(40)]), false);
-    check_capture("zstd.mcap", &container(&[zstd(&frames).repeat(40)]), false);
+    // the same frame again and again, three times what may be taken, in large chunks and in one chunk per frame
+    check_capture("lz4.mcap", &container(&[lz4_chunk(&frames).repeat(8)]), false);
+    check_capture("zstd.mcap", &container(&[zstd(&frames).repeat(8)]), false);
     let tiny = lz4_chunk(&[head.clone(), message(1, &json)].concat());
     check_capture("tiny.mcap", &container(&[tiny.repeat(40_000)]), false);
     // frames of one value, each with a time and a place in lists
     let one = [head.clone(), message(1, &frame_json("7")).repeat(100_000)].concat();
-    check_capture("short.mcap", &container(&[lz4_chunk(&one).repeat(40)]), false);
+    check_capture("short.mcap", &container(&[lz4_chunk(&one).repeat(10)]), false);
     // large messages, and those of 7 MB that hold more values than any reader takes
     let reference = format!("{{\"epoch\":0,\"values\":[{}]}}", zeros(3_500_000));
     for content in [
@@ -232,7 +232,7 @@ fn recordings_packed_hard_and_loosely() {
     ] {
         let channels = [head.clone(), channel(2, "/eit/reference")].concat();
         let chunk = lz4_chunk(&[channels, content].concat());
-        check_capture("large.mcap", &container(&[chunk.repeat(10)]), false);
+        check_capture("large.mcap", &container(&[chunk.repeat(4)]), false);
     }
     // frames that differ in every value, yet take nothing in the file: refused
     let ramp = |start: usize| {
@@ -241,7 +241,7 @@ fn recordings_packed_hard_and_loosely() {
         message(1, &frame_json(&values.join(",")))
     };
     let ramps: Vec<u8> = [head, (0..20).flat_map(|start| ramp(7 * start)).collect()].concat();
-    check_capture("ramps.mcap", &container(&[lz4_chunk(&ramps).repeat(300)]), false);
+    check_capture("ramps.mcap", &container(&[lz4_chunk(&ramps).repeat(60)]), false);
 }
 
 /// What an instrument records: 208 values that differ in all digits.

@@ -367,13 +367,19 @@ fn record_parts(
     (written, flushed)
 }
 
-/// Reads what a power cut has left, without the sessions at the start of each part.
-fn entries_of(left: &[(PathBuf, Vec<u8>)]) -> Option<Vec<Entry>> {
-    let folder = tempfile::tempdir().unwrap();
-    for (path, bytes) in left {
-        std::fs::write(folder.path().join(path), bytes).unwrap();
+/// Reads what a power cut has left, without the sessions at the start of each part. Files are written over those of the
+/// last call: ten thousand folders with new files take minutes.
+fn entries_of(left: &[(PathBuf, Vec<u8>)], folder: &Path) -> Option<Vec<Entry>> {
+    for old in std::fs::read_dir(folder).unwrap() {
+        let old = old.unwrap();
+        if left.iter().all(|(path, _)| path.as_os_str() != old.file_name()) {
+            std::fs::remove_file(old.path()).unwrap();
+        }
     }
-    let found = read(&folder.path().join(PATH)).ok()?.entries;
+    for (path, bytes) in left {
+        std::fs::write(folder.join(path), bytes).unwrap();
+    }
+    let found = read(&folder.join(PATH)).ok()?.entries;
     Some(found.into_iter().filter(|entry| !matches!(entry, Entry::Session(_))).collect())
 }
 
@@ -381,6 +387,7 @@ fn entries_of(left: &[(PathBuf, Vec<u8>)]) -> Option<Vec<Entry>> {
 /// the background are on the disk or not, as it happens.
 #[test]
 fn ten_thousand_power_cuts_across_parts_lose_nothing_flushed() {
+    let folder = tempfile::tempdir().unwrap();
     let (mut most_parts, mut read_more) = (0, 0);
     for seed in 0..2_500 {
         let mut random = Random::new(77_000 + seed);
@@ -389,7 +396,7 @@ fn ten_thousand_power_cuts_across_parts_lose_nothing_flushed() {
         let (written, flushed) = record_parts(&drawer, &mut random, entries, true);
         for cut in 0..4 {
             let left = drawer.after_power_cut(&mut random);
-            let found = entries_of(&left).unwrap_or_default();
+            let found = entries_of(&left, folder.path()).unwrap_or_default();
             check(&found, &[], &written, flushed, &format!("seed {seed}, cut {cut}"));
             most_parts = most_parts.max(left.len());
             read_more += usize::from(found.len() > flushed);
@@ -402,13 +409,15 @@ fn ten_thousand_power_cuts_across_parts_lose_nothing_flushed() {
 /// Without forcing names to the disk the same cuts lose what was flushed: the test above can fail.
 #[test]
 fn a_name_that_is_not_forced_to_the_disk_loses_its_file() {
+    let folder = tempfile::tempdir().unwrap();
     let lost = (0..200).filter(|seed| {
         let mut random = Random::new(88_000 + seed);
         let drawer = Drawer::default();
         let (_, flushed) = record_parts(&drawer, &mut random, 30, true);
         // as if the folder had not been forced to the disk after the first part
         drawer.with(|names| names.durable.truncate(1));
-        let found = entries_of(&drawer.after_power_cut(&mut random)).unwrap_or_default();
+        let left = drawer.after_power_cut(&mut random);
+        let found = entries_of(&left, folder.path()).unwrap_or_default();
         found.len() < flushed
     });
     let lost = lost.count();
@@ -439,6 +448,7 @@ fn names_are_forced_to_the_disk_with_sync_only() {
 /// recording goes on in its file, says so, and leaves no other.
 #[test]
 fn a_folder_that_fails_costs_no_frame() {
+    let folder = tempfile::tempdir().unwrap();
     for most in 1..4 {
         for is_sync in [false, true] {
             let drawer = Drawer::default();
@@ -453,7 +463,7 @@ fn a_folder_that_fails_costs_no_frame() {
                 let bytes = |disk: &Shared| disk.with(|disk| disk.bytes.clone());
                 names.files.iter().map(|(path, disk)| (path.clone(), bytes(disk))).collect()
             });
-            let found = entries_of(&left).unwrap();
+            let found = entries_of(&left, folder.path()).unwrap();
             let goes_on = |entry: &&Entry| matches!(entry, Entry::Note(text) if text.contains("goes on in this file"));
             assert!(found.iter().any(|entry| goes_on(&entry)), "{most} {is_sync}");
             let kept: Vec<_> = found.iter().filter(|entry| !goes_on(entry)).collect();
