@@ -58,10 +58,7 @@ pub(crate) fn set_early(arguments: &[std::ffi::OsString]) {
 
 /// The name in front of errors, red where colours are used.
 pub(crate) fn error_name() -> &'static str {
-    match is_colored(&std::io::stderr()) {
-        true => "\x1b[1;31meit:\x1b[0m",
-        false => "eit:",
-    }
+    if is_colored(&std::io::stderr()) { "\x1b[1;31meit:\x1b[0m" } else { "eit:" }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::DenoiseError;
 use crate::learning_base::Shard;
 use crate::raster_symmetry::RasterSymmetry;
 use crate::unet::CLAMP;
-use ndarray::{Array2, Axis};
+use ndarray::{Array2, Array3, Axis};
 
 /// Fraction of a sequence's mean reference error that is added to each frame's reference error before
 /// dividing by it, so that frames that are already almost right do not dominate the sum.
@@ -122,7 +122,9 @@ impl Examples {
 
     /// Sets the weights from the reference errors; drops frames whose weight would be negligible.
     fn weigh(&mut self, known: &[Known], shards: usize) {
-        let (seen, pixels) = (self.history * self.images * self.mask.len(), self.mask.len());
+        let pixels = self.mask.len();
+        let seen = (&mut self.frames, self.history * self.images * pixels);
+        let mut parts = [seen, (&mut self.wanted, pixels), (&mut self.states, self.conditions)];
         let (mut sums, mut counts) = (vec![0.0; shards], vec![0.0; shards]);
         for Known { error, shard, .. } in known {
             sums[*shard] += error;
@@ -139,17 +141,15 @@ impl Examples {
             let reference =
                 ((error + FLOOR * mean) / (scale * scale)).max(f64::from(f32::MIN_POSITIVE));
             self.weights.push((1.0 / reference) as f32);
-            self.frames.copy_within(k * seen..(k + 1) * seen, kept * seen);
-            self.wanted.copy_within(k * pixels..(k + 1) * pixels, kept * pixels);
-            let conditions = self.conditions;
-            self.states.copy_within(k * conditions..(k + 1) * conditions, kept * conditions);
+            for (part, size) in &mut parts {
+                part.copy_within(k * *size..(k + 1) * *size, kept * *size);
+            }
             kept += 1;
         }
-        self.frames.truncate(kept * seen);
-        self.wanted.truncate(kept * pixels);
-        self.states.truncate(kept * self.conditions);
+        parts.into_iter().for_each(|(part, size)| part.truncate(kept * size));
     }
 
+    /// Takes every frame of a shard, `index` among all, that has anything to scale by.
     fn take(
         &mut self,
         index: usize,
@@ -165,53 +165,46 @@ impl Examples {
         DenoiseError::check_length("conditions per frame", conditions, self.conditions)?;
         let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
         for (frame, wanted) in shard.wanted.outer_iter().enumerate() {
-            let start = self.frames.len();
-            // frames before the first
-            let before = self.history.saturating_sub(frame + 1);
-            self.frames.extend(std::iter::repeat_n(0.0, before * images * pixels));
-            for frame in (frame + 1).saturating_sub(self.history)..=frame {
-                let mut images = shard.images().map(|images| images.index_axis(Axis(0), frame));
-                let Some(first) = images.next() else { continue };
-                let is_zero = first.iter().all(|v| *v == 0.0);
-                self.frames.extend(&first);
-                for other in images {
-                    self.frames.extend(other.iter().map(|v| if is_zero { 0.0 } else { *v }));
-                }
-            }
-            let seen = &mut self.frames[start..];
-            let firsts = seen.chunks_exact(pixels).step_by(images).flatten();
-            let scale = firsts.fold(0.0_f32, |most, v| most.max(v.abs()));
-            // dividing by a subnormal number amplifies its rounding
-            if scale < f32::MIN_POSITIVE {
-                self.frames.truncate(start);
-                continue;
-            }
-            for (k, image) in seen.chunks_exact_mut(pixels).enumerate() {
-                let most = if k % images == 0 { 1.0 } else { CLAMP };
-                image.iter_mut().for_each(|v| *v = (*v / scale).clamp(-most, most));
-            }
+            let Some(scale) = self.take_seen(shard, frame) else { continue };
             self.wanted.extend(wanted.iter().map(|v| v / scale));
             if let Some(all) = &shard.beside.conditions {
                 self.states.extend(all.row(frame));
             }
-            let raw = shard.raw.index_axis(Axis(0), frame);
-            let mean = |off: &mut dyn Iterator<Item = f32>| {
-                off.map(|d| f64::from(d) * f64::from(d)).sum::<f64>() / inside
-            };
-            let of_raw = mean(&mut raw.iter().zip(&wanted).map(|(r, w)| r - w));
-            let of_empty = mean(&mut wanted.iter().copied());
-            // a frame without a touch is as right as its raw image
-            let error = if of_empty > 0.0 { of_raw.min(of_empty) } else { of_raw };
-            // the image that a net corrects may be far off, where touches were overlooked or invented: such a
-            // frame must not outweigh hundreds of others
-            let first = shard.images().next().map_or(0.0, |images| {
-                let first = images.index_axis(Axis(0), frame);
-                mean(&mut first.iter().zip(&wanted).map(|(r, w)| r - w))
-            });
-            let error = if images > 1 { error.max(first) } else { error };
+            let error = squared_error(shard, frame, images) / inside;
             known.push(Known { scale: f64::from(scale), error, shard: index });
         }
         Ok(())
+    }
+
+    /// Appends a frame and those before it, divided by their scale, which is returned; `None` without a scale, and then
+    /// appends nothing.
+    fn take_seen(&mut self, shard: &Shard, frame: usize) -> Option<f32> {
+        let (start, pixels) = (self.frames.len(), self.mask.len());
+        // frames before the first
+        let before = self.history.saturating_sub(frame + 1);
+        self.frames.extend(std::iter::repeat_n(0.0, before * self.images * pixels));
+        for frame in (frame + 1).saturating_sub(self.history)..=frame {
+            let mut images = shard.images().map(|images| images.index_axis(Axis(0), frame));
+            let Some(first) = images.next() else { continue };
+            let is_zero = first.iter().all(|v| *v == 0.0);
+            self.frames.extend(&first);
+            for other in images {
+                self.frames.extend(other.iter().map(|v| if is_zero { 0.0 } else { *v }));
+            }
+        }
+        let seen = &mut self.frames[start..];
+        let firsts = seen.chunks_exact(pixels).step_by(self.images).flatten();
+        let scale = firsts.fold(0.0_f32, |most, v| most.max(v.abs()));
+        // dividing by a subnormal number amplifies its rounding
+        if scale < f32::MIN_POSITIVE {
+            self.frames.truncate(start);
+            return None;
+        }
+        for (k, image) in seen.chunks_exact_mut(pixels).enumerate() {
+            let most = if k % self.images == 0 { 1.0 } else { CLAMP };
+            image.iter_mut().for_each(|v| *v = (*v / scale).clamp(-most, most));
+        }
+        Some(scale)
     }
 
     /// Number of examples.
@@ -281,5 +274,25 @@ impl Examples {
         }
         turn.append(wanted, self.size(), &mut memory.wanted);
         Example { frames: &memory.frames, wanted: &memory.wanted, ..plain }
+    }
+}
+
+/// Sum of the squared errors by which a frame of so many `images` is judged ([`Examples::new`]).
+fn squared_error(shard: &Shard, frame: usize, images: usize) -> f64 {
+    let wanted = shard.wanted.index_axis(Axis(0), frame);
+    let square = |d: f32| f64::from(d) * f64::from(d);
+    let of = |all: &Array3<f32>| {
+        let image = all.index_axis(Axis(0), frame);
+        image.iter().zip(&wanted).map(|(v, w)| square(v - w)).sum::<f64>()
+    };
+    let of_raw = of(&shard.raw);
+    let of_empty = wanted.iter().map(|w| square(*w)).sum::<f64>();
+    // a frame without a touch is as right as its raw image
+    let error = if of_empty > 0.0 { of_raw.min(of_empty) } else { of_raw };
+    // the image that a net corrects may be far off, where touches were overlooked or invented: such a
+    // frame must not outweigh hundreds of others
+    match shard.images().next() {
+        Some(first) if images > 1 => error.max(of(first)),
+        _ => error,
     }
 }

@@ -9,9 +9,8 @@ pub use body::FoxgloveBody;
 
 use crate::SkinShape;
 use crate::error::PublishError;
-use crate::outbox::{
-    FrameCopy, ImageCopy, Next, Outbox, QueuedSink, Severity, SinkStatistics, Worker,
-};
+use crate::outbox::worker::{QueuedSink, Worker};
+use crate::outbox::{FrameCopy, ImageCopy, Next, Outbox, Severity, SinkStatistics, lock};
 use crate::publisher::clock_s;
 use draw::Painter;
 use eit_skin::SkinState;
@@ -22,7 +21,7 @@ use std::io::{self, BufWriter};
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// How often the outline is repeated: Foxglove shows a new client only what is sent from then on.
@@ -273,10 +272,6 @@ fn serve(
         .map_err(|error| failed(place, error))?;
     let address = SocketAddr::new(found.ip(), server.port());
     Ok((server, address))
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn timestamp(time_s: Option<f64>) -> Timestamp {

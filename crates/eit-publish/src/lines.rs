@@ -2,13 +2,14 @@
 
 use crate::error::PublishError;
 use crate::line::EventLine;
-use crate::outbox::{Next, Outbox, Worker};
+use crate::outbox::worker::Worker;
+use crate::outbox::{Next, Outbox, lock};
 use crate::publisher::clock_s;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::text::event_text;
 use std::io::{self, ErrorKind, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// How often the thread wakes without a line.
@@ -42,7 +43,7 @@ impl LineSink {
                 seen.is_closed.store(true, Ordering::Relaxed);
                 // a reader that has closed its pipe is no error
                 let error = Some(error).filter(|e| e.kind() != ErrorKind::BrokenPipe);
-                *seen.error.lock().unwrap_or_else(PoisonError::into_inner) = error;
+                *lock(&seen.error) = error;
             }
         });
         Ok(Self { worker: worker.map_err(PublishError::Thread)?, shared })
@@ -51,8 +52,7 @@ impl LineSink {
     /// Queues a line; returns once why writing has failed.
     pub(crate) fn line(&self, line: &[u8], is_frame: bool) -> Result<(), PublishError> {
         if self.is_closed() {
-            let mut error = self.shared.error.lock().unwrap_or_else(PoisonError::into_inner);
-            return Ok(error.take().map_or(Ok(()), Err)?);
+            return Ok(lock(&self.shared.error).take().map_or(Ok(()), Err)?);
         }
         self.worker.outbox.line(line, is_frame);
         Ok(())

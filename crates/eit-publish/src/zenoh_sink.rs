@@ -10,7 +10,8 @@ pub use session::SessionSettings;
 
 use crate::change::ChangeThreshold;
 use crate::error::PublishError;
-use crate::outbox::{QueuedSink, SinkStatistics, Worker};
+use crate::outbox::SinkStatistics;
+use crate::outbox::worker::{QueuedSink, Worker};
 use crate::publisher::Start;
 use crate::ros::{self, Pose};
 use crate::shape::SkinShape;

@@ -3,6 +3,8 @@
 //! Recordings are read message by message: memory use does not grow with their length. Tables and recordings of
 //! other formats are in memory.
 
+mod recovered;
+
 use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{self, OutFile, ending, io, npy_header};
@@ -10,7 +12,7 @@ use crate::settings::ConvertSettings;
 use eit_fem::Protocol;
 use eit_hw::capture::{
     self, CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, MessageTimes, PartFile,
-    Recovered, SameSetUp, SessionRecord, recover,
+    SameSetUp, SessionRecord,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Quadruple, Recording};
 use eit_skin::recording::{session_of, times_of};
@@ -34,7 +36,7 @@ pub fn run(settings: &ConvertSettings) -> Result<Answer, ReportError> {
         output::remember(PartFile::part_of(&settings.out));
     }
     if settings.recover {
-        return recovered(settings);
+        return recovered::run(settings);
     }
     let [one, other] = [&settings.input, &settings.out].map(|path| path.canonicalize());
     if matches!((one, other), (Ok(one), Ok(other)) if one == other) {
@@ -78,92 +80,6 @@ pub fn run(settings: &ConvertSettings) -> Result<Answer, ReportError> {
         "notes": notes,
     });
     Ok(Answer { text, json })
-}
-
-/// Writes the new recording and reports what is missing.
-fn recovered(settings: &ConvertSettings) -> Result<Answer, ReportError> {
-    let out = settings.out.display();
-    let found = recover(&settings.input, &settings.out).map_err(|error| match error {
-        // a place where no file can be created is invalid input, unlike a full disk
-        HwError::Write { ref source, .. } if source.kind() != std::io::ErrorKind::StorageFull => {
-            ReportError::input(error.to_string())
-        }
-        HwError::Read { .. } if settings.out.exists() => ReportError::Failure(format!(
-            "{error}; it cannot be read any further, and everything before is in {out}"
-        )),
-        _ => error.into(),
-    })?;
-    check_any_frame(settings, &found)?;
-    let Recovered { frames, messages, attachments, damage, .. } = found;
-    let mut text = format!(
-        "{frames} frames, {messages} other messages and {attachments} attachments in {out}"
-    );
-    for (count, what) in [
-        (damage.bad_chunks as u64, "damaged chunk(s) skipped"),
-        (damage.bad_messages as u64, "unreadable message(s), schema(s) or channel(s) skipped"),
-        (
-            found.unreadable,
-            "message(s) are not what their topic holds: copied unchanged, but every reader skips them",
-        ),
-        (
-            found.other_set_ups,
-            "frame(s) or session(s) have other measurements than the first: copied unchanged, but no \
-             command reads such a mix",
-        ),
-        (found.bad_attachments, "damaged attachment(s) skipped"),
-        (damage.skipped_bytes, "byte(s) between complete records skipped"),
-        (damage.truncated_bytes, "byte(s) at the end skipped: not a complete record"),
-        (damage.missing_parts as u64, "part(s) of the recording are missing"),
-        (damage.mended_chunks as u64, "chunk(s) had a damaged header and are complete"),
-    ] {
-        if count > 0 {
-            text += &format!("\n{count} {what}");
-        }
-    }
-    let problems = found.bad_attachments + found.unreadable + found.other_set_ups;
-    text += match (problems > 0 || damage.is_any(), damage.unfinished) {
-        (false, false) => "\nno damage found",
-        (false, true) => "\nthe recording was not finished; no other damage found",
-        (true, _) => "",
-    };
-    let json = json!({
-        "file": out.to_string(),
-        "frames": frames,
-        "messages": messages,
-        "unreadable": found.unreadable,
-        "other_set_ups": found.other_set_ups,
-        "attachments": attachments,
-        "bad_attachments": found.bad_attachments,
-        "bad_chunks": damage.bad_chunks,
-        "mended_chunks": damage.mended_chunks,
-        "bad_messages": damage.bad_messages,
-        "skipped_bytes": damage.skipped_bytes,
-        "truncated_bytes": damage.truncated_bytes,
-        "missing_parts": damage.missing_parts,
-        "unfinished": damage.unfinished,
-    });
-    Ok(Answer { text, json })
-}
-
-/// Fails for a recording of ours without an intact frame. Notes, attachments and the like are kept in the new
-/// recording; one with nothing but what instrument it was would only be taken for a success.
-fn check_any_frame(settings: &ConvertSettings, recovered: &Recovered) -> Result<(), ReportError> {
-    let &Recovered { frames, messages, sessions, unreadable, attachments, .. } = recovered;
-    if frames > 0 || sessions == 0 {
-        return Ok(());
-    }
-    let (from, to) = (settings.input.display(), settings.out.display());
-    if messages + unreadable + attachments == sessions {
-        std::fs::remove_file(&settings.out)
-            .map_err(|error| ReportError::at(&settings.out, error))?;
-        return Err(ReportError::Failure(format!(
-            "{from}: no frame is intact; {to} is not written"
-        )));
-    }
-    let rest = messages + unreadable;
-    Err(ReportError::Failure(format!(
-        "{from}: no frame is intact; {to} holds the rest: {rest} other messages and {attachments} attachments"
-    )))
 }
 
 /// Frames of a recording or table, in their own order or in that of a scene's protocol.

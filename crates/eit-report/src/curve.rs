@@ -1,7 +1,7 @@
 //! Writes the learning curve as numbers and as a picture.
 
 use crate::error::ReportError;
-use crate::output::{OutFile, io};
+use crate::output::{OutFile, axes, io};
 use eit_denoise::Epoch;
 use eit_picture::{Plot, Series, draw_plot};
 use std::path::Path;
@@ -33,15 +33,11 @@ pub fn write(
     let plot = Plot {
         title: "Learning curve".to_owned(),
         footnote,
-        x_label: "epoch".to_owned(),
-        y_label: "mean squared error, relative to the raw images".to_owned(),
-        x_log: false,
-        y_log: true,
         series: vec![
             line("training set", &|e| e.train_error),
             line("held out", &|e| e.held_out_error),
         ],
-        zoom: 2,
+        ..axes([("epoch", false), ("mean squared error, relative to the raw images", true)])
     };
     let picture = draw_plot(&plot)?;
     OutFile::new(&weights.with_extension("png"))?.write(|w| Ok(picture.write_png(w)?))

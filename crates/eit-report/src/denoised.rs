@@ -82,16 +82,8 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
     let drawing = eit_picture::SkinDrawing::from_raster(&skin.mesh, &raster);
     let rate_hz = scene.recording.frame_rate_hz;
     let settings = reconstruct::picture_settings(&scene.name, "U-net".to_owned(), rate_hz);
-    reconstruct::write_pictures(
-        &mut out,
-        images.view(),
-        &drawing,
-        &settings,
-        (rate_hz, 0.0),
-        progress,
-    )?;
-    let mut files = out.names();
-    files.push("report.json");
+    let range = (rate_hz, 0.0);
+    reconstruct::write_pictures(&mut out, images.view(), &drawing, &settings, range, progress)?;
     let json = json!({
         "scene": scene.name,
         "frames": frames,
@@ -99,9 +91,8 @@ pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, Repo
         "denoise": net.json(),
         "against_truth": compared,
         "stages": progress.times(),
-        "out": args.out.display().to_string(),
-        "files": files,
     });
+    let json = reconstruct::with_files(json, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let mut lines = vec![
         format!("{frames} images; {}", net.description()),

@@ -2,7 +2,7 @@
 
 use crate::Answer;
 use crate::error::ReportError;
-use crate::output::{OutFile, io};
+use crate::output::{OutFile, axes, io};
 use eit_picture::{Plot, Series, draw_plot};
 use eit_skin::learn::{
     CurvePoint, Frame, HeldOut, LearnedSkin, Learning, PlaceErrors, PressFrames, learning_curve,
@@ -133,12 +133,8 @@ fn plot(learned: &LearnedSkin, curve: &[CurvePoint]) -> Plot {
     Plot {
         title: "Position error after learning".to_owned(),
         footnote: "the first presses are learnt, up to a hundred later ones tested".to_owned(),
-        x_label: "presses learnt".to_owned(),
-        y_label: "error, mm".to_owned(),
-        x_log: true,
-        y_log: true,
         series,
-        zoom: 2,
+        ..axes([("presses learnt", true), ("error, mm", true)])
     }
 }
 
@@ -232,10 +228,7 @@ fn tested(point: &CurvePoint) -> String {
         format!("; force error {median:.0} % (median), {high:.0} % (90 % quantile)")
     });
     let (tested, shown) = (point.tested, 100.0 * point.shown);
-    let place = match point.shown > 0.0 {
-        true => format!(", {}", mm(&point.place)),
-        false => String::new(),
-    };
+    let place = if point.shown > 0.0 { format!(", {}", mm(&point.place)) } else { String::new() };
     let [beside, ghosts] = point.ghosts;
     let more = match beside + ghosts > 0.0 {
         true => {

@@ -9,6 +9,7 @@ pub(crate) use stack::{ImageFile, npy_header};
 pub use stray::{remember, remove_temporaries};
 
 use crate::error::ReportError;
+use eit_picture::{Canvas, Plot};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
@@ -258,8 +259,22 @@ pub fn io(error: std::io::Error) -> ReportError {
     ReportError::Failure(format!("writing failed: {error}"))
 }
 
+/// A plot without curves: the label of each axis, and whether it is logarithmic.
+pub(crate) fn axes([x, y]: [(&str, bool); 2]) -> Plot {
+    Plot {
+        title: String::new(),
+        footnote: String::new(),
+        x_label: x.0.to_owned(),
+        y_label: y.0.to_owned(),
+        x_log: x.1,
+        y_log: y.1,
+        series: Vec::new(),
+        zoom: 2,
+    }
+}
+
 /// A picture in PNG format.
-pub(crate) fn png(canvas: &eit_picture::Canvas) -> Result<Vec<u8>, ReportError> {
+pub(crate) fn png(canvas: &Canvas) -> Result<Vec<u8>, ReportError> {
     let mut bytes = Vec::new();
     canvas.write_png(&mut bytes)?;
     Ok(bytes)

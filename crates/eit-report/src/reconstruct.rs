@@ -12,12 +12,16 @@ use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{OutFolder, io, write_npy};
 use crate::settings::ReconstructSettings;
+use crate::solve::joined;
 use eit_fem::{SolvePath, SolveReport};
 use eit_picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
 use eit_skin::denoise::Net;
 use eit_skin::method;
 use eit_skin::scene::{DifferenceKind, Reference};
-use eit_skin::{FittedFrames, ImageSolver, MeshOverride, Progress, Reconstruction, Scene, Skin};
+use eit_skin::text::counted;
+use eit_skin::{
+    FittedFrames, ImageSolver, MeshOverride, Pressures, Progress, Reconstruction, Scene, Skin,
+};
 use ndarray::ArrayView3;
 use serde_json::{Value, json};
 
@@ -45,6 +49,23 @@ struct Remarks {
     notes: Vec<String>,
     /// Number of notes, from the first, that were shown during the work; the text does not repeat them.
     shown: usize,
+}
+
+impl Remarks {
+    /// Those of mesh and frames, then those of the method.
+    fn new(done: &Reconstruction, made: &Made) -> Self {
+        let FittedFrames { skin, frames, fit, .. } = &done.fitted;
+        // those of the mesh were shown when it was built
+        let mut notes: Vec<String> =
+            skin.skin.notes.iter().map(|note| format!("mesh: {note}")).collect();
+        let of_frames = notes.len();
+        notes.extend(frames.notes.iter().cloned());
+        let shown = if fit.is_alike() { of_frames } else { notes.len() };
+        notes.extend(done.touches.as_ref().and_then(|_| frames.rate_note()));
+        notes.extend(skin.warning.clone());
+        notes.extend(made.notes.clone());
+        Self { notes, shown }
+    }
 }
 
 /// Reads frames, reconstructs images, and writes pictures and a report.
@@ -76,39 +97,11 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         out.write("raw.npy", |w| write_npy(&done.images.values, w))?;
         denoise(&mut done, &mut made, progress)?;
     }
-    let FittedFrames { skin: linearised, frames, fit, .. } = &done.fitted;
-    let (found, raster) = (done.touches.as_ref(), &done.images.raster);
-    // those of the mesh were shown when it was built
-    let mut notes: Vec<String> =
-        linearised.skin.notes.iter().map(|note| format!("mesh: {note}")).collect();
-    let of_frames = notes.len();
-    notes.extend(frames.notes.iter().cloned());
-    let shown = if fit.is_alike() { of_frames } else { notes.len() };
-    notes.extend(found.and_then(|_| frames.rate_note()));
-    notes.extend(linearised.warning.clone());
-    notes.extend(made.notes.clone());
-
-    out.write("images.npy", |w| write_npy(&done.images.values, w))?;
-    let drawing = SkinDrawing::from_raster(&linearised.skin.mesh, raster);
-    let mut settings =
-        picture_settings(&linearised.skin.name, made.footnote.clone(), frames.rate_hz);
-    if let Some(found) = found {
-        out.write("touches.csv", |w| touches::write_csv(found, w))?;
-        settings.marks_m = found.marks(frames.values.nrows());
-    }
+    let mut remarks = Remarks::new(&done, &made);
     let pressures = done.pressures()?;
-    if let (Some(pressures), Some(found)) = (&pressures, found) {
-        pressures::write(&mut out, pressures, found, &drawing, &settings, frames.rate_hz)?;
-        notes.push(pressures::note(pressures));
-    }
-    let images = done.images.values.view();
-    let untouched = found.filter(|found| found.count() == 0);
-    let least_s = untouched.map_or(0.0, |found| RANGE_IN_LEVELS * found.level_s);
-    write_pictures(&mut out, images, &drawing, &settings, (frames.rate_hz, least_s), progress)?;
-    if let Some(curve) = &made.curve {
-        out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
-    }
-    let remarks = Remarks { notes, shown };
+    let found = done.touches.as_ref();
+    remarks.notes.extend(found.and(pressures.as_ref()).map(pressures::note));
+    write_images(&done, &made, pressures.as_ref(), &mut out, progress)?;
     let mut report = report(&done, &made, &remarks, progress);
     report["pressure"] = json!(pressures.as_ref().map(pressures::json));
     report["touches"] = touches::touches_json(found);
@@ -119,6 +112,36 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let own = ["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"];
     out.commit(&[&own[..], &pressures::FILES[..]].concat())?;
     Ok(Answer { text, json })
+}
+
+/// Writes the images, touches, pressures and pictures.
+fn write_images(
+    done: &Reconstruction,
+    made: &Made,
+    pressures: Option<&Pressures>,
+    out: &mut OutFolder,
+    progress: &mut Progress,
+) -> Result<(), ReportError> {
+    let FittedFrames { skin, frames, .. } = &done.fitted;
+    let (skin, images, found) = (&skin.skin, &done.images, done.touches.as_ref());
+    out.write("images.npy", |w| write_npy(&images.values, w))?;
+    let drawing = SkinDrawing::from_raster(&skin.mesh, &images.raster);
+    let mut settings = picture_settings(&skin.name, made.footnote.clone(), frames.rate_hz);
+    if let Some(found) = found {
+        out.write("touches.csv", |w| touches::write_csv(found, w))?;
+        settings.marks_m = found.marks(frames.values.nrows());
+        if let Some(pressures) = pressures {
+            pressures::write(out, pressures, found, &drawing, &settings, frames.rate_hz)?;
+        }
+    }
+    let untouched = found.filter(|found| found.count() == 0);
+    let least_s = untouched.map_or(0.0, |found| RANGE_IN_LEVELS * found.level_s);
+    let range = (frames.rate_hz, least_s);
+    write_pictures(out, images.values.view(), &drawing, &settings, range, progress)?;
+    match &made.curve {
+        Some(curve) => out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?)),
+        None => Ok(()),
+    }
 }
 
 /// Applies the network to the images; those that do not explain their measurements stay raw.
@@ -237,7 +260,7 @@ fn report(
 ) -> Value {
     let FittedFrames { skin: linearised, frames, fit, .. } = &done.fitted;
     let skin = &linearised.skin;
-    let mut report = json!({
+    let report = json!({
         "scene": skin.name,
         "method": done.choice.method.name(),
         "method_because": done.choice.why,
@@ -260,10 +283,7 @@ fn report(
         "notes": notes,
         "stages": progress.times(),
     });
-    if let (Value::Object(report), Value::Object(of_method)) = (&mut report, &made.report) {
-        report.extend(of_method.clone());
-    }
-    report
+    joined(report, made.report.clone())
 }
 
 /// Name of the difference, as in the scene file.
@@ -274,7 +294,8 @@ fn kind_text(kind: DifferenceKind) -> &'static str {
     }
 }
 
-fn with_files(mut report: Value, out: &OutFolder) -> Value {
+/// Adds the folder and the names of its files, with that of the report itself.
+pub(crate) fn with_files(mut report: Value, out: &OutFolder) -> Value {
     let mut files = out.names();
     files.push("report.json");
     report["out"] = json!(out.path().display().to_string());
@@ -285,10 +306,9 @@ fn with_files(mut report: Value, out: &OutFolder) -> Value {
 fn text(done: &Reconstruction, made: &Made, remarks: &Remarks, out: &OutFolder) -> String {
     let Remarks { notes, shown } = remarks;
     let FittedFrames { frames, fit, .. } = &done.fitted;
-    let count = frames.values.nrows();
     let mut lines = vec![format!(
-        "{count} frame{} of {} measurements against {}",
-        if count == 1 { "" } else { "s" },
+        "{} of {} measurements against {}",
+        counted(frames.values.nrows(), "frame", "frames"),
         frames.used.iter().filter(|used| **used).count(),
         frames.reference_source
     )];

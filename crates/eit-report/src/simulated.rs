@@ -70,10 +70,7 @@ pub fn run(args: &SimulationFiles, progress: &mut Progress) -> Result<Answer, Re
 pub fn pasted(path: impl AsRef<Path>) -> String {
     let text = path.as_ref().display().to_string();
     let is_plain = |c: char| c.is_alphanumeric() || "/._-+:\\".contains(c);
-    match text.chars().all(is_plain) {
-        true => text,
-        false => format!("'{}'", text.replace('\'', r"'\''")),
-    }
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
 }
 
 /// A simulation and its input.

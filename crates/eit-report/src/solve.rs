@@ -52,7 +52,7 @@ pub fn run(settings: &SolveSettings, progress: &mut Progress) -> Result<Answer, 
 }
 
 /// Returns a JSON object with further fields.
-fn joined(mut json: Value, more: Value) -> Value {
+pub(crate) fn joined(mut json: Value, more: Value) -> Value {
     if let (Some(fields), Value::Object(more)) = (json.as_object_mut(), more) {
         fields.extend(more);
     }

@@ -43,6 +43,20 @@ struct Played {
 }
 
 impl Played {
+    /// Voltages without noise, all of a frame at once, in their own order.
+    fn of(real: Array2<f64>) -> Self {
+        Self {
+            real,
+            imaginary: None,
+            noise: 0.0,
+            random: Random::new(0),
+            shifts: Vec::new(),
+            hold: None,
+            kind: ValueKind::Voltage,
+            last: (0, 0),
+        }
+    }
+
     /// Value `index` of frame `number`, between those of the nearest frames of the loop.
     fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
         if self.last.0 != number {
@@ -56,10 +70,7 @@ impl Played {
             let value = parts[[row, index]];
             value + shift.abs() * (parts[[other, index]] - value)
         };
-        let noise = match self.noise > 0.0 {
-            true => self.noise * self.random.normal(),
-            false => 0.0,
-        };
+        let noise = if self.noise > 0.0 { self.noise * self.random.normal() } else { 0.0 };
         let real = self.kind.of_voltage(between(&self.real) + noise);
         [real, self.imaginary.as_ref().map_or(0.0, between)]
     }
@@ -130,17 +141,10 @@ pub fn device(
     }
     let mut played = match content.frames {
         PlayedFrames::File(file) => from_file(skin, instrument, &wanted, file)?,
-        PlayedFrames::Values(values) => Played {
-            real: arranged(&instrument.quadruples, values, &wanted)
+        PlayedFrames::Values(values) => Played::of(
+            arranged(&instrument.quadruples, values, &wanted)
                 .map_err(|why| mismatch(skin, instrument, &why))?,
-            imaginary: None,
-            noise: 0.0,
-            random: Random::new(0),
-            shifts: Vec::new(),
-            hold: None,
-            kind: ValueKind::Voltage,
-            last: (0, 0),
-        },
+        ),
         PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
     played.shifts = shifts(&wanted, content.scan_share);
@@ -203,13 +207,8 @@ fn from_model(
     let electrodes = skin.mesh.electrodes().len();
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
         .map_err(|e| mismatch(skin, instrument, &e.to_string()))?;
-    let element_order = skin.model.element_order();
-    let model = ForwardModel::with_element_order(
-        &skin.mesh,
-        &protocol,
-        &skin.contact_impedance,
-        element_order,
-    )?;
+    let (contacts, order) = (&skin.contact_impedance, skin.model.element_order());
+    let model = ForwardModel::with_element_order(&skin.mesh, &protocol, contacts, order)?;
     let background = vec![skin.conductivity_s; model.elements()];
     let voltages = progress.stage("voltages", || {
         let mut workspace = model.workspace()?;
@@ -219,14 +218,9 @@ fn from_model(
     })?;
     let median = eit_core::median(voltages.iter().map(|v| v.abs())).unwrap_or_default();
     Ok(Played {
-        real: voltages.insert_axis(ndarray::Axis(0)),
-        imaginary: None,
         noise: skin.settings.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
         random: Random::stream(seed, 0x0a02_bdbf_7bb3_c0a7),
-        shifts: Vec::new(),
-        hold: None,
-        kind: ValueKind::Voltage,
-        last: (0, 0),
+        ..Played::of(voltages.insert_axis(ndarray::Axis(0)))
     })
 }
 
@@ -258,9 +252,7 @@ fn from_file(
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };
-    let random = Random::new(0);
-    let (shifts, hold, kind) = (Vec::new(), None, ValueKind::Voltage);
-    Ok(Played { real, imaginary, noise: 0.0, random, shifts, hold, kind, last: (0, 0) })
+    Ok(Played { imaginary, ..Played::of(real) })
 }
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {

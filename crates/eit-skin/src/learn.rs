@@ -83,7 +83,7 @@ pub enum Frame {
 }
 
 /// Position errors over the presses, metres: median and mean.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlaceErrors {
     /// Median error, metres.
     pub median_m: f64,
@@ -92,7 +92,7 @@ pub struct PlaceErrors {
 }
 
 /// What presses that are held out show. A press that is not shown counts with the radius of the skin.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct HeldOut {
     /// Errors of the model alone; `None` if the noise of the frames is unknown, so that it finds no touches, or the frame was
     /// fitted, so that it does not know where they are.

@@ -6,18 +6,20 @@
 //! live frames are skipped while further frames wait ([`LiveObserver::wants_every_image`]).
 
 mod clock;
+mod epoch;
 mod fields;
 mod images;
+mod listed;
 mod one_step;
 mod reference;
 mod sensor;
 mod stream;
 mod summary;
 
-pub use fields::{SkinState, TouchFields};
+pub use fields::{SkinState, TouchFields, TouchFrame};
 pub use images::{ImageState, LiveImages};
 pub use sensor::{Next, Sensor};
-pub use stream::{LiveStream, Step, TouchFrame};
+pub use stream::{LiveStream, Step};
 pub use summary::{ImageSummary, Summary};
 
 use crate::denoise::Net;

@@ -64,10 +64,7 @@ impl FittedFrames {
     pub fn one_step_settings(&self) -> Result<OneStepSettings, SkinError> {
         let data = self.skin.difference_data();
         let skin = &self.skin.skin;
-        let stated = match self.skin.is_white {
-            true => None,
-            false => skin.settings.noise.additive_v,
-        };
+        let stated = if self.skin.is_white { None } else { skin.settings.noise.additive_v };
         let additive = stated.map(|e| vec![e; skin.protocol.measurements()]);
         let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
         let noise_std = noise_std.or_else(|| self.noise_of_levels());

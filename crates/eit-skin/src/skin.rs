@@ -189,14 +189,9 @@ impl Skin {
     pub fn with_nodes(&self, nodes: usize, progress: &mut Progress) -> Result<Self, SkinError> {
         let source = self.source.with_nodes(nodes)?;
         let BuiltMesh { mesh, notes } = progress.stage("mesh", || source.build())?;
-        let element_order = self.model.element_order();
+        let (contacts, order) = (&self.contact_impedance, self.model.element_order());
         let model = progress.stage("forward model", || {
-            ForwardModel::with_element_order(
-                &mesh,
-                &self.protocol,
-                &self.contact_impedance,
-                element_order,
-            )
+            ForwardModel::with_element_order(&mesh, &self.protocol, contacts, order)
         })?;
         let parts =
             SkinModel { mesh, model, source, notes, accuracy: None, ..self.parts.as_ref().clone() };
@@ -311,11 +306,10 @@ impl Skin {
         rounding: f64,
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, SkinError> {
-        Ok(match self.parts.model.element_order() {
-            ElementOrder::Linear => {
-                self.parts.model.solve_to(conductivity_s, rounding, workspace)?
-            }
-            ElementOrder::Quadratic => self.parts.model.solve(conductivity_s, workspace)?,
+        let model = &self.model;
+        Ok(match model.element_order() {
+            ElementOrder::Linear => model.solve_to(conductivity_s, rounding, workspace)?,
+            ElementOrder::Quadratic => model.solve(conductivity_s, workspace)?,
         })
     }
 }

@@ -149,7 +149,47 @@ impl FittedFrames {
         method: Method,
         progress: &mut Progress,
     ) -> Result<TvMovie, SkinError> {
-        reconstruct(self, method, progress)
+        let Self { skin, frames, .. } = self;
+        let keys = &skin.skin.settings.reconstruction;
+        let raster = &skin.raster(progress)?.clone();
+        let known = self.noise()?;
+        if known.is_none() && matches!(keys.delta, Some(Delta::Rule(_))) {
+            return Err(SkinError::UnknownNoise { who: "delta = \"noise\"" });
+        }
+        let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
+        let set_up = SetUp { keys, raster, jacobian, used: &frames.used };
+        let (values, good) = (self.differences(), self.good());
+        let quiet = match &known {
+            Some(noise) => progress.stage("quiet frames", || {
+                let all = DifferenceFrames { values: values.view(), good: Some(good.view()) };
+                Ok::<_, SkinError>(set_up.solver(method, Some(noise))?.quiet_frames(&all)?)
+            })?,
+            None => vec![false; values.nrows()],
+        };
+        let mut part = Part::new(&values, &good, &quiet);
+        let is_blank = |&f: &usize| quiet[f] && !good.row(f).iter().any(|g| *g);
+        let mut movie = TvMovie {
+            pixels: Array2::zeros((values.nrows(), raster.masked_pixels().len())),
+            report: None,
+            residual: vec![None; values.nrows()],
+            weights: None,
+            rank: 0,
+            used: frames.used.iter().filter(|used| **used).count(),
+            blank: (0..quiet.len()).filter(is_blank).count(),
+            still: known.as_ref().is_some_and(|noise| part.is_still(noise)),
+            noise: known,
+            quiet,
+        };
+        if part.frames.is_empty() {
+            return Ok(movie);
+        }
+        if movie.still {
+            movie.noise = movie.noise.map(|noise| noise.of_mean(part.frames.len()));
+            part.take_mean();
+        }
+        movie.noise = weighting(movie.noise, keys, &part);
+        set_up.solve(method, &part, &mut movie, progress)?;
+        Ok(movie)
     }
 
     /// Returns whether no frame differs from the others beyond noise; false if the noise is unknown.
@@ -165,75 +205,52 @@ impl FittedFrames {
     }
 }
 
-/// [`FittedFrames::total_variation`]. A long function, because each step decides what the next one has to do.
-fn reconstruct(
-    fitted: &FittedFrames,
-    method: Method,
-    progress: &mut Progress,
-) -> Result<TvMovie, SkinError> {
-    let FittedFrames { skin, frames, .. } = fitted;
-    let keys = &skin.skin.settings.reconstruction;
-    let raster = &skin.raster(progress)?.clone();
-    let known = fitted.noise()?;
-    if known.is_none() && matches!(keys.delta, Some(Delta::Rule(_))) {
-        return Err(SkinError::UnknownNoise { who: "delta = \"noise\"" });
-    }
-    let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
-    let set_up = |method: Method, noise: Option<&DataNoise>| {
+/// What solvers for parts of a recording have in common.
+struct SetUp<'a> {
+    keys: &'a ReconstructionSettings,
+    raster: &'a Raster,
+    jacobian: Array2<f64>,
+    used: &'a [bool],
+}
+
+impl SetUp<'_> {
+    fn solver(&self, method: Method, noise: Option<&DataNoise>) -> Result<StTv, SkinError> {
         let noise_std = noise.map(|noise| noise.std.clone());
-        solver(&jacobian, raster, method, keys, noise_std, &frames.used)
-    };
-    let values = fitted.differences();
-    let good = fitted.good();
-    let quiet = match &known {
-        Some(noise) => progress.stage("quiet frames", || {
-            let all = DifferenceFrames { values: values.view(), good: Some(good.view()) };
-            Ok::<_, SkinError>(set_up(method, Some(noise))?.quiet_frames(&all)?)
-        })?,
-        None => vec![false; values.nrows()],
-    };
-    let mut part = Part::new(&values, &good, &quiet);
-    let mut movie = TvMovie {
-        pixels: Array2::zeros((values.nrows(), raster.masked_pixels().len())),
-        report: None,
-        residual: vec![None; values.nrows()],
-        weights: None,
-        rank: 0,
-        used: frames.used.iter().filter(|used| **used).count(),
-        blank: (0..quiet.len()).filter(|&f| quiet[f] && !good.row(f).iter().any(|g| *g)).count(),
-        still: known.as_ref().is_some_and(|noise| part.is_still(noise)),
-        noise: known,
-        quiet,
-    };
-    if part.frames.is_empty() {
-        return Ok(movie);
+        solver(&self.jacobian, self.raster, method, self.keys, noise_std, self.used)
     }
-    if movie.still {
-        movie.noise = movie.noise.map(|noise| noise.of_mean(part.frames.len()));
-        part.take_mean();
+
+    /// Chooses the weights for frames of a movie, whose noise is known, and makes their images.
+    fn solve(
+        &self,
+        method: Method,
+        part: &Part,
+        movie: &mut TvMovie,
+        progress: &mut Progress,
+    ) -> Result<(), SkinError> {
+        // a single image has no time term, and its report says so
+        let method = if part.values.nrows() == 1 { Method::Tv } else { method };
+        let noise = movie.noise.as_ref();
+        let mut solver =
+            progress.stage("set-up of total variation", || self.solver(method, noise))?;
+        movie.rank = solver.rank();
+        let frames = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
+        // numbers in the scene refer to the noise alone
+        let factor = noise.map_or(1.0, DataNoise::per_known);
+        let of_recording = |error| part.of_recording(in_known_noise(error, factor));
+        let (keys, used) = (self.keys, movie.used);
+        let mut weights =
+            progress.stage("weights", || weights(&mut solver, keys, &frames, self.raster, used))?;
+        let found = progress
+            .stage("total variation", || solver.solve(&frames, &stop(keys)))
+            .map_err(of_recording)?;
+        if weights.chosen.is_some() {
+            weights.rescale(factor * factor);
+        }
+        weights.delta = weights.delta.map(|delta| factor * delta);
+        movie.weights = Some(weights);
+        movie.take(found, &part.frames);
+        Ok(())
     }
-    movie.noise = weighting(movie.noise, keys, &part);
-    // a single image has no time term, and its report says so
-    let method = if part.values.nrows() == 1 { Method::Tv } else { method };
-    let mut solver =
-        progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
-    movie.rank = solver.rank();
-    let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
-    // numbers in the scene refer to the noise alone
-    let factor = movie.noise.as_ref().map_or(1.0, DataNoise::per_known);
-    let of_recording = |error| part.of_recording(in_known_noise(error, factor));
-    let mut weights = progress
-        .stage("weights", || weights(&mut solver, keys, &differences, raster, movie.used))?;
-    let found = progress
-        .stage("total variation", || solver.solve(&differences, &stop(keys)))
-        .map_err(of_recording)?;
-    if weights.chosen.is_some() {
-        weights.rescale(factor * factor);
-    }
-    weights.delta = weights.delta.map(|delta| factor * delta);
-    movie.weights = Some(weights);
-    movie.take(found, &part.frames);
-    Ok(movie)
 }
 
 /// Converts constraints in an error from noise with the model error to that of numbers in the scene, `factor` times

@@ -171,10 +171,7 @@ fn is_held_out(index: usize, count: usize) -> bool {
 /// Number of a sequence among the held-out ones, or among the others.
 fn number_within(index: usize, count: usize) -> usize {
     let before = index / HELD_OUT;
-    match is_held_out(index, count) {
-        true => before,
-        false => index - before,
-    }
+    if is_held_out(index, count) { before } else { index - before }
 }
 
 /// Reads the shards to train on, and those held out.

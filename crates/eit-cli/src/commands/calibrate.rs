@@ -97,12 +97,10 @@ fn answer(
     let Calibration { conductivity_s, contact_impedance, iterations, .. } = found;
     let (std, weak) = (found.std(), undetermined(found));
     let used = frames.used.iter().filter(|used| **used).count();
-    let (status, heading) = match found.status {
-        CalibrationStatus::Converged => ("converged", "for the scene:"),
-        CalibrationStatus::Stalled => ("stalled", "for the scene:"),
-        CalibrationStatus::IterationCap => {
-            ("iteration cap", "not converged, so not for a scene as they are:")
-        }
+    let status = match found.status {
+        CalibrationStatus::Converged => "converged",
+        CalibrationStatus::Stalled => "stalled",
+        CalibrationStatus::IterationCap => "iteration cap",
     };
     let [before, after] = [found.residual_before, found.residual_after].map(|part| 100.0 * part);
     let mut lines = vec![
@@ -128,14 +126,7 @@ fn answer(
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));
-    let contacts: Vec<String> = contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
-    let contacts = contacts.join(", ");
-    lines.push(heading.to_owned());
-    lines.push(format!("  [skin] conductivity_s = {conductivity_s:.5e}"));
-    if let Some(Weave { ratio, angle_deg }) = skin.weave {
-        lines.push(format!("  [skin] weave_ratio = {ratio:.3}, weave_angle_deg = {angle_deg:.1}"));
-    }
-    lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{contacts}]"));
+    lines.extend(for_scene(skin, found));
     let json = json!({
         "scene": skin.name,
         "weave": skin.weave,
@@ -148,6 +139,23 @@ fn answer(
         "stages": progress.times(),
     });
     Answer { text: lines.join("\n"), json: joined(json, numbers(found)) }
+}
+
+/// What was fitted, as keys of a scene.
+fn for_scene(skin: &Skin, found: &Calibration) -> Vec<String> {
+    let Calibration { conductivity_s, contact_impedance, .. } = found;
+    let heading = match found.status {
+        CalibrationStatus::Converged | CalibrationStatus::Stalled => "for the scene:",
+        CalibrationStatus::IterationCap => "not converged, so not for a scene as they are:",
+    };
+    let mut lines =
+        vec![heading.to_owned(), format!("  [skin] conductivity_s = {conductivity_s:.5e}")];
+    if let Some(Weave { ratio, angle_deg }) = skin.weave {
+        lines.push(format!("  [skin] weave_ratio = {ratio:.3}, weave_angle_deg = {angle_deg:.1}"));
+    }
+    let contacts: Vec<String> = contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
+    lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{}]", contacts.join(", ")));
+    lines
 }
 
 /// What was fitted, for programs.

@@ -139,7 +139,7 @@ impl Denoiser {
     pub fn push_frame_into(
         &mut self,
         frame: NetFrame<'_>,
-        mut out: ArrayViewMut2<'_, f64>,
+        out: ArrayViewMut2<'_, f64>,
     ) -> Result<NetStatus, DenoiseError> {
         self.check_frame(&frame)?;
         let mut sizes = frame.images.iter().map(|image| image.dim()).chain([out.dim()]);
@@ -154,51 +154,61 @@ impl Denoiser {
         self.check_constant(frame.images[0])?;
         self.take(frame.images, is_zero);
         self.pushed += 1;
-        let Self { net, history, places, .. } = self;
-        let UnetShape { images, conditions, history: frames, fold, .. } = net.shape;
-        let firsts = history.chunks_exact(places.len()).step_by(images).flatten();
+        let UnetShape { images, history, .. } = self.net.shape;
+        let firsts = self.history.chunks_exact(self.places.len()).step_by(images).flatten();
         let scale = firsts.fold(0.0_f64, |most, v| v.abs().max(most));
         self.silent = scale == 0.0;
         if self.silent {
             self.write_zero(out);
             return Ok(NetStatus::Zero);
         }
-        let input = &mut net.levels[0];
-        let planes = input.input.chunks_exact_mut(fold * fold * input.plane.len());
+        self.fill_images(scale);
+        for (k, condition) in frame.conditions.iter().enumerate() {
+            self.fill_input(history * images + k, *condition as f32);
+        }
+        self.arch.dispatch(Run(&mut self.net));
+        self.write_image(scale, out);
+        Ok(NetStatus::Computed)
+    }
+
+    /// Fills the inputs of all images of the history, divided by their scale.
+    fn fill_images(&mut self, scale: f64) {
+        let Self { net, history, places, .. } = self;
+        let UnetShape { images, fold, .. } = net.shape;
+        let level = &mut net.levels[0];
+        let planes = level.input.chunks_exact_mut(fold * fold * level.plane.len());
         for (k, (planes, image)) in planes.zip(history.chunks_exact(places.len())).enumerate() {
             let most = if k % images == 0 { 1.0 } else { CLAMP };
             for (place, value) in places.iter().zip(image) {
                 planes[*place] = ((value / scale) as f32).clamp(-most, most);
             }
         }
-        for (k, condition) in frame.conditions.iter().enumerate().take(conditions) {
-            self.fill_input(frames * images + k, *condition as f32);
-        }
-        self.arch.dispatch(Run(&mut self.net));
+    }
+
+    /// Writes what the net has computed, times the scale; a net of several images corrects the first of the last frame.
+    fn write_image(&self, scale: f64, mut out: ArrayViewMut2<'_, f64>) {
+        let UnetShape { images, history, fold, .. } = self.net.shape;
         let (plane, image) = (self.net.levels[0].plane, &self.net.image);
-        out.fill(f64::NAN);
-        if images > 1 {
-            let first = &self.history[(frames - 1) * images * self.places.len()..];
-            let masked = out.iter_mut().zip(&self.mask).filter(|(_, inside)| **inside);
-            for ((out, _), (place, first)) in masked.zip(self.places.iter().zip(first)) {
-                *out = scale.mul_add(f64::from(image[*place]), *first);
-            }
-            return Ok(NetStatus::Computed);
-        }
-        if fold == 1 {
+        if images == 1 && fold == 1 {
             for ((row, mut out), mask) in out.outer_iter_mut().enumerate().zip(self.mask.rows()) {
                 let values = &image[plane.row(row)..];
                 for ((out, value), inside) in out.iter_mut().zip(values).zip(mask) {
                     *out = if *inside { scale * f64::from(*value) } else { f64::NAN };
                 }
             }
-            return Ok(NetStatus::Computed);
+            return;
         }
+        out.fill(f64::NAN);
         let masked = out.iter_mut().zip(&self.mask).filter(|(_, inside)| **inside);
-        for ((out, _), place) in masked.zip(&self.places) {
-            *out = scale * f64::from(image[*place]);
+        let masked = masked.map(|(out, _)| out).zip(&self.places);
+        if images == 1 {
+            masked.for_each(|(out, place)| *out = scale * f64::from(image[*place]));
+            return;
         }
-        Ok(NetStatus::Computed)
+        let first = &self.history[(history - 1) * images * self.places.len()..];
+        for ((out, place), first) in masked.zip(first) {
+            *out = scale.mul_add(f64::from(image[*place]), *first);
+        }
     }
 
     /// Fills an input with one value inside the mask.

@@ -1,6 +1,8 @@
 //! Tests of the queue.
 
+use super::worker::{LAST_MESSAGES, Worker};
 use super::*;
+use std::sync::Arc;
 
 fn frame(sequence: u64) -> TouchFrame<'static> {
     TouchFrame { number: sequence, sequence, whole: true, ..TouchFrame::default() }

@@ -5,7 +5,7 @@ use crate::error::PublishError;
 use crate::image::SkinImage;
 use crate::lines::LineSink;
 #[cfg(any(feature = "foxglove", feature = "zenoh"))]
-use crate::outbox::QueuedSink;
+use crate::outbox::worker::QueuedSink;
 use crate::shape::SkinShape;
 use crate::udp::UdpSink;
 use std::io::Write;

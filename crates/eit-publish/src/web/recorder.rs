@@ -1,8 +1,9 @@
 //! Recordings that are started and stopped on the page.
 
 use super::server::Line;
+use crate::outbox::lock;
 use serde::Serialize;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
 /// State of a recording, as the page shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -67,8 +68,4 @@ impl Recorder {
     pub(super) fn set(&self, line: Line) {
         *lock(&self.state) = Some(line);
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -4,12 +4,13 @@ use super::connection::answer;
 use super::recorder::{Recorder, Recording, RecordingEvent};
 use super::request::Access;
 use crate::error::PublishError;
+use crate::outbox::lock;
 use crate::shape::SkinShape;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 /// Maximum number of browsers.
@@ -149,10 +150,7 @@ impl WebServer {
         let found = found.ok_or_else(|| refuse(io::ErrorKind::NotFound.into()))?;
         let token = token().map_err(|error| refuse(io::Error::other(error)))?;
         let recorder = can_record.then(|| Recorder::new(token.clone()));
-        let access = match found.ip().is_loopback() {
-            true => Access::Loopback,
-            false => Access::Token(token),
-        };
+        let access = if found.ip().is_loopback() { Access::Loopback } else { Access::Token(token) };
         let listener = TcpListener::bind(found).map_err(refuse)?;
         let shared = Arc::new(Shared {
             access,
@@ -275,11 +273,6 @@ impl Drop for WebServer {
         // wakes the listening thread
         let _ = TcpStream::connect_timeout(&self.address, Duration::from_millis(100));
     }
-}
-
-/// Locks; a thread that panicked leaves nothing half-written here.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Whether the next one is due. Intervals start when a frame was due, not when it arrived:

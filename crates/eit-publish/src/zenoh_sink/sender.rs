@@ -3,7 +3,7 @@
 use super::{RosNode, RosPublisher, ZenohSettings};
 use crate::change::ChangeFilter;
 use crate::error::PublishError;
-use crate::outbox::{FrameCopy, ImageCopy, Incident, Next, Outbox, Severity};
+use crate::outbox::{FrameCopy, ImageCopy, Incident, Next, Outbox, Severity, lock};
 use crate::publisher::clock_s;
 use crate::ros::{
     DiagnosticArray, DiagnosticStatus, ElectrodeFaultMessage, Header, Image, KeyValue, MarkerArray,
@@ -11,7 +11,7 @@ use crate::ros::{
 };
 use eit_skin::SkinState;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// How often diagnostics and the pose are published, and image subscribers are counted.
@@ -45,15 +45,15 @@ pub(super) struct Shared {
 
 impl Shared {
     pub(super) fn set_names(&self, names: Names) {
-        *self.names.lock().unwrap_or_else(PoisonError::into_inner) = names;
+        *lock(&self.names) = names;
     }
 
     pub(super) fn set_extent(&self, extent_m: [f64; 4]) {
-        *self.extent_m.lock().unwrap_or_else(PoisonError::into_inner) = Some(extent_m);
+        *lock(&self.extent_m) = Some(extent_m);
     }
 
     fn names(&self) -> Names {
-        self.names.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.names).clone()
     }
 }
 
@@ -196,7 +196,7 @@ impl Sender {
 
     fn image(&mut self, image: &ImageCopy) {
         let [height, width] = [image.rows, image.columns].map(|size| size as u32);
-        let extent_m = *self.shared.extent_m.lock().unwrap_or_else(PoisonError::into_inner);
+        let extent_m = *lock(&self.shared.extent_m);
         if let (true, Some([x0, x1, y0, _])) = (self.wanted[2], extent_m) {
             let rows = image.values.chunks_exact(image.columns.max(1)).rev().flatten();
             let cell = |value: &f32| match value.is_finite() {

@@ -51,7 +51,7 @@ fn result(shown: &[Shown]) -> String {
 }
 
 /// Returns a picture beside the page, if it exists.
-fn beside(files: &[File], name: &str, caption: String) -> Option<Block> {
+pub(super) fn beside(files: &[File], name: &str, caption: String) -> Option<Block> {
     let (name, bytes) = files.iter().find(|file| file.0 == name)?;
     Some(match name.ends_with(".gif") {
         true => Block::Movie { name: (*name).to_owned(), bytes: bytes.len(), caption },

@@ -4,12 +4,14 @@ use super::accuracy::Accuracy;
 use super::experiment::Experiment;
 use super::live::LiveRun;
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_fem::fabric::Simulation;
 use eit_picture::{
     Canvas, FrameLabels, PictureSettings, Plot, Series, SkinDrawing, Track, TracksPanel, draw_plot,
     draw_sheet, draw_tracks, write_gif,
 };
 use eit_skin::Steps;
+use eit_skin::text::counted;
 use ndarray::{ArrayView2, Axis};
 
 /// Time from a frame to its image and touches.
@@ -105,13 +107,15 @@ impl Shown {
         (most > 0.0).then_some([-most, most])
     }
 
+    /// Title of a picture of images.
+    fn title(&self) -> String {
+        format!("{}: truth, reconstruction, after the U-net", capitalised(self.experiment.name))
+    }
+
     /// Draws the true, raw and denoised images below each other.
     fn images(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
         let settings = PictureSettings {
-            title: format!(
-                "{}: truth, reconstruction, after the U-net",
-                capitalised(self.experiment.name)
-            ),
+            title: self.title(),
             footnote: format!("simulated fabric · {}", self.live.summary.images.how),
             range: self.range(),
             ..Default::default()
@@ -140,12 +144,8 @@ impl Shown {
                  a finger; medians {raw:.0} % and {made:.0} % (mean squared errors {raw_s2:.1e} \
                  and {made_s2:.1e} S²)"
             ),
-            x_label: "time (s)".to_owned(),
-            y_label: "relative error (%)".to_owned(),
-            x_log: false,
-            y_log: false,
             series: vec![curve("raw", 0), curve("after the U-net", 1)],
-            zoom: 2,
+            ..axes([("time (s)", false), ("relative error (%)", false)])
         })?)
     }
 
@@ -172,7 +172,7 @@ impl Shown {
         let mut series: Vec<Series> =
             lasting.iter().map(|id| of(&[*id], format!("touch {id}"))).collect();
         if !brief.is_empty() {
-            series.push(of(&brief, brief_text(brief.len())));
+            series.push(of(&brief, counted(brief.len(), "brief touch", "brief touches")));
         }
         Ok(draw_plot(&Plot {
             title: format!(
@@ -184,12 +184,8 @@ impl Shown {
                 1e3 * self.accuracy.distance_m(),
                 1e3 * self.accuracy.worst_distance_m().unwrap_or(f64::NAN)
             ),
-            x_label: "time (s)".to_owned(),
-            y_label: "distance (mm)".to_owned(),
-            x_log: false,
-            y_log: false,
             series,
-            zoom: 2,
+            ..axes([("time (s)", false), ("distance (mm)", false)])
         })?)
     }
 
@@ -219,7 +215,11 @@ impl Shown {
             .map(|(k, id)| panel(k, &[*id], format!("touch {id}")))
             .collect();
         if !brief.is_empty() || panels.is_empty() {
-            panels.push(panel(lasting.len(), &brief, brief_text(brief.len())));
+            panels.push(panel(
+                lasting.len(),
+                &brief,
+                counted(brief.len(), "brief touch", "brief touches"),
+            ));
         }
         let Accuracy { fingers, found, false_touches, without_finger, .. } = self.accuracy;
         let settings = PictureSettings {
@@ -233,11 +233,6 @@ impl Shown {
         };
         Ok(draw_tracks(&panels, skin, &settings)?)
     }
-}
-
-/// Names touches that are drawn together.
-fn brief_text(count: usize) -> String {
-    format!("{count} brief touch{}", if count == 1 { "" } else { "es" })
 }
 
 /// A text with its first letter capitalised.
@@ -301,10 +296,7 @@ fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, 
     }
     let stacked = ndarray::stack(Axis(0), &images)?;
     let settings = PictureSettings {
-        title: format!(
-            "{}: truth, reconstruction, after the U-net",
-            capitalised(shown.experiment.name)
-        ),
+        title: shown.title(),
         footnote: "crosses: touches".to_owned(),
         labels: FrameLabels::Text(labels),
         marks_m,
@@ -369,11 +361,7 @@ fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
             "on this computer, under its normal load; includes frames that wait for the images of \
                    earlier ones"
                 .to_owned(),
-        x_label: "time (ms)".to_owned(),
-        y_label: "frames".to_owned(),
-        x_log: true,
-        y_log: false,
         series: shown.iter().map(histogram).collect(),
-        zoom: 2,
+        ..axes([("time (ms)", true), ("frames", false)])
     })?))
 }

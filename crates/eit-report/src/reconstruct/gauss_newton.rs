@@ -2,6 +2,7 @@
 
 use super::{Made, kind_text};
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_inverse::{CurvePoint, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::Reconstruction;
@@ -131,15 +132,11 @@ fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, ReportError> {
     let plot = Plot {
         title: format!("Hyperparameter: {}", imaging.rule),
         footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_text(chosen.status)),
-        x_label: x_label.to_owned(),
-        y_label: y_label.to_owned(),
-        x_log: true,
-        y_log: true,
         series: vec![
             Series { name: String::new(), points: curve, line: true, markers: false },
             Series { name: "chosen".to_owned(), points: vec![mark], line: false, markers: true },
         ],
-        zoom: 2,
+        ..axes([(x_label, true), (y_label, true)])
     };
     Ok(Some(draw_plot(&plot)?))
 }

@@ -2,6 +2,7 @@
 
 use super::{Made, kind_text};
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_core::median;
 use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
@@ -262,17 +263,13 @@ fn curve_picture(movie: &TvMovie) -> Result<Option<Canvas>, ReportError> {
             weights.lambda_time,
             weight_text(chosen.status)
         ),
-        x_label: "weight in space λ".to_owned(),
-        y_label: "residual, in units of the noise".to_owned(),
-        x_log: true,
-        y_log: true,
         series: vec![
             series("trials", curve.clone(), true),
             series("noise", noise.map(|weight| [weight, 1.0]).to_vec(), true),
             series("used", used.to_vec(), true),
             series("corner of the L-curve", corner.map(at).into_iter().collect(), false),
         ],
-        zoom: 2,
+        ..axes([("weight in space λ", true), ("residual, in units of the noise", true)])
     };
     Ok(Some(draw_plot(&plot)?))
 }

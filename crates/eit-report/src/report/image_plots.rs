@@ -6,6 +6,7 @@ use super::recording::RecordingResults;
 use super::work_precision::WorkPrecisionCurve;
 use crate::comparison::ReconstructionModel;
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
 use eit_skin::plan::measured::Measured;
 use ndarray::Axis;
@@ -35,12 +36,8 @@ pub(super) fn draw(
             "{note}. Error: root mean square over both recordings; 1 is an empty image. Curves \
              vary the gap, or the number of pixels where the name says so"
         ),
-        x_label: "time per frame (s)".to_owned(),
-        y_label: "relative error".to_owned(),
-        x_log: true,
-        y_log: true,
         series: series(rows, finest),
-        zoom: 2,
+        ..axes([("time per frame (s)", true), ("relative error", true)])
     })?;
     let mut pictures = vec![Picture::new(picture("error", &case.name), &plot)?];
     for recording in recordings {

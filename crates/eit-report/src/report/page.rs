@@ -210,19 +210,29 @@ fn write_pictures(results: &BenchmarkResults, out: &mut OutFolder) -> Result<(),
 
 /// Explains how to read the report and how it was made.
 fn about(size: &Size, machine: &Machine) -> Section {
-    let times = format!(
+    let version = format!("eit report, version {}", env!("CARGO_PKG_VERSION"));
+    let made = [("machine", machine.description()), ("made by", version)];
+    let times = times(size);
+    let terms = terms(&times).map(|(name, words)| (name, words.to_owned()));
+    let pairs = made.into_iter().chain(terms).map(|(name, words)| (name.to_owned(), words));
+    Section { title: "How to read it".to_owned(), blocks: vec![Block::List(pairs.collect())] }
+}
+
+/// Says how often what was timed.
+fn times(size: &Size) -> String {
+    format!(
         "per frame, excluding set-up and the choice of weights; for recordings the median, minimum and \
          maximum of up to {} runs ({} for direct methods); for live solvers those of single frames in up \
          to {} runs, including frames that fill a window",
         size.runs,
         size.direct_runs,
         size.stream_runs.max(size.direct_runs)
-    );
-    let machine = machine.description();
-    let version = format!("eit report, version {}", env!("CARGO_PKG_VERSION"));
-    let pairs = [
-        ("machine", machine.as_str()),
-        ("made by", version.as_str()),
+    )
+}
+
+/// What the columns and sections mean.
+fn terms(times: &str) -> [(&str, &str); 7] {
+    [
         (
             "solver",
             "as `eit reconstruct --method` names it. \"≥ 0\": a touch can only raise the conductivity; \
@@ -239,7 +249,7 @@ fn about(size: &Size, machine: &Machine) -> Section {
             "area-weighted norm of the difference between movie and truth, divided by the norm of \
              the truth; pixels of coarser rasters appear as squares on the finest",
         ),
-        ("time", times.as_str()),
+        ("time", times),
         (
             "floor",
             "the longer of operations divided by the rate of a dense product and bytes divided by \
@@ -265,10 +275,7 @@ fn about(size: &Size, machine: &Machine) -> Section {
             "fraction by which the objective can still decrease, proven by a dual point; a solver \
              stops when this bound is below the target",
         ),
-    ];
-    let owned = |(name, words): (&str, &str)| (name.to_owned(), words.to_owned());
-    let pairs = pairs.map(owned).to_vec();
-    Section { title: "How to read it".to_owned(), blocks: vec![Block::List(pairs)] }
+    ]
 }
 
 fn json(

@@ -41,6 +41,65 @@ impl ModelFit {
     pub fn is_scattered(&self) -> bool {
         self.level_scatter > SCATTERED
     }
+
+    /// Says that the reference has other levels than the model.
+    fn scatter_note(&self) -> Option<String> {
+        self.is_scattered().then(|| {
+            format!(
+                "measured and modelled levels differ by a factor of {:.1} from measurement to measurement: one-step \
+                 images weight them by the reference frame and are as smooth as possible",
+                self.level_scatter.exp()
+            )
+        })
+    }
+
+    /// Says what to check where the reference does not resemble the model, or does so much better as another kind of
+    /// value.
+    fn poor_note(&self, other: Option<(ValueKind, f64)>, reciprocity_error: Option<f64>) -> String {
+        let poorly = format!(
+            "the homogeneous model explains the reference poorly (correlation {:.3})",
+            self.correlation
+        );
+        match (other, reciprocity_error.filter(|error| *error <= ORDERED)) {
+            (Some((kind, better)), _) => {
+                let (name, meaning) = kind.name();
+                format!(
+                    "{poorly}, and well if the values are {meaning} (correlation {better:.3}): set \
+                     [recording] values = \"{name}\""
+                )
+            }
+            (None, Some(error)) => format!(
+                "{poorly}, although the order of the measurements is right (reciprocity error {:.1} %): check the number \
+                 and places of electrodes and which one is the first, and what the values are ([recording] values)",
+                100.0 * error
+            ),
+            (None, None) => {
+                format!("{poorly}: check the protocol and the number and order of electrodes")
+            }
+        }
+    }
+
+    /// Says what a gain far from 1 means for the images.
+    fn gain_note(&self, is_plain: bool, conductivity_s: f64) -> Option<String> {
+        let (gain, usual) = (self.gain, 0.5..=2.0);
+        if is_plain && !usual.contains(&gain) {
+            return Some(format!(
+                "voltages are {gain:.3} times the model's, so image values are off: set \
+                 [skin] conductivity_s = {:.3e}, or [recording] scale",
+                conductivity_s / gain
+            ));
+        }
+        (!usual.contains(&gain.abs())).then(|| {
+            format!(
+                "voltages are {:.3e} times the model's: another conductivity, current or unit. Places of touches and \
+                 their least strength allow for it; strengths (intensity) are those of a sheet of {:.3e} S per square, \
+                 so compare them only with others of this skin and unit. Set [skin] conductivity_s, or [recording] \
+                 scale if the unit (1e-3 for millivolts) or the current is another",
+                gain.abs(),
+                conductivity_s / gain.abs()
+            )
+        })
+    }
 }
 
 impl Frames {
@@ -78,55 +137,15 @@ impl Frames {
                  {correlation:.3}): images would be inverted; set [recording] scale = -1"
             )));
         }
-        if level_scatter > SCATTERED {
-            self.notes.push(format!(
-                "measured and modelled levels differ by a factor of {:.1} from measurement to measurement: one-step \
-                 images weight them by the reference frame and are as smooth as possible",
-                level_scatter.exp()
-            ));
-        }
         let fit = ModelFit { gain, correlation, level_scatter };
+        self.notes.extend(fit.scatter_note());
         let other = other_kind(&reference, &model, values);
         let other =
             other.filter(|(_, found)| MUCH_BETTER * (1.0 - found) < 1.0 - correlation.abs());
-        if !fit.is_alike() || other.is_some() {
-            let poorly = format!(
-                "the homogeneous model explains the reference poorly (correlation {correlation:.3})"
-            );
-            let is_in_order = self.reciprocity_error.is_some_and(|error| error <= ORDERED);
-            self.notes.push(match (other, is_in_order) {
-                (Some((kind, better)), _) => {
-                    let (name, meaning) = kind.name();
-                    format!(
-                        "{poorly}, and well if the values are {meaning} (correlation {better:.3}): set \
-                         [recording] values = \"{name}\""
-                    )
-                }
-                (None, true) => format!(
-                    "{poorly}, although the order of the measurements is right (reciprocity error {:.1} %): check the number \
-                     and places of electrodes and which one is the first, and what the values are ([recording] values)",
-                    100.0 * self.reciprocity_error.unwrap_or_default()
-                ),
-                (None, false) => {
-                    format!("{poorly}: check the protocol and the number and order of electrodes")
-                }
-            });
-        } else if plain && !(0.5..=2.0).contains(&gain) {
-            self.notes.push(format!(
-                "voltages are {gain:.3} times the model's, so image values are off: set \
-                 [skin] conductivity_s = {:.3e}, or [recording] scale",
-                conductivity_s / gain
-            ));
-        } else if !(0.5..=2.0).contains(&gain.abs()) {
-            self.notes.push(format!(
-                "voltages are {:.3e} times the model's: another conductivity, current or unit. Places of touches and \
-                 their least strength allow for it; strengths (intensity) are those of a sheet of {:.3e} S per square, \
-                 so compare them only with others of this skin and unit. Set [skin] conductivity_s, or [recording] \
-                 scale if the unit (1e-3 for millivolts) or the current is another",
-                gain.abs(),
-                conductivity_s / gain.abs()
-            ));
-        }
+        self.notes.extend(match fit.is_alike() && other.is_none() {
+            true => fit.gain_note(plain, conductivity_s),
+            false => Some(fit.poor_note(other, self.reciprocity_error)),
+        });
         Ok(fit)
     }
 }

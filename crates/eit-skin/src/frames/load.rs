@@ -3,8 +3,8 @@
 use crate::error::SkinError;
 use crate::skin::Skin;
 use eit_fem::Protocol;
-use eit_hw::{HwError, Layout, MeasuredFrames, Recording};
-use ndarray::{Axis, concatenate};
+use eit_hw::{Frame, HwError, Layout, MeasuredFrames, Quality, Recording, Unit};
+use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
 
 /// Frames read from files, in protocol order.
@@ -27,6 +27,24 @@ pub(super) fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> 
 
 pub(super) fn of_recording(skin: &Skin, recording: &Recording) -> Result<Loaded, SkinError> {
     load(skin, std::iter::once(Ok(recording.clone())))
+}
+
+/// Converts an instrument's frames to those of a recording.
+pub(crate) fn of_frames(frames: &[Frame], unit: Unit) -> MeasuredFrames {
+    let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
+    let values = Array2::from_shape_fn(shape, |(row, column)| frames[row].values[column]);
+    let quality = Array2::from_shape_fn(shape, |(row, column)| frames[row].quality[column]);
+    of_values(values, quality, unit)
+}
+
+/// Values and their flags, without times and what only files state.
+pub(super) fn of_values(
+    values: Array2<f64>,
+    quality: Array2<Quality>,
+    unit: Unit,
+) -> MeasuredFrames {
+    let (device_time_s, frequency_hz, current_a, phase_rad) = (None, None, None, None);
+    MeasuredFrames { values, quality, unit, device_time_s, frequency_hz, current_a, phase_rad }
 }
 
 fn load(

@@ -6,24 +6,24 @@ mod order;
 mod quiet;
 mod reference;
 pub(crate) mod steady;
+mod unused;
 
 pub use fit::ModelFit;
 pub(crate) use fit::{ALIKE, are_magnitudes};
+pub(crate) use load::of_frames;
 pub use quiet::QuietFrames;
 pub(crate) use reference::left_out;
 
-use load::{Loaded, drive_current_a, of_recording, read};
+use load::{Loaded, drive_current_a, of_recording, of_values, read};
+use unused::Unused;
 
 use crate::error::SkinError;
-use crate::faults::{self, ElectrodeFault, FaultKind};
+use crate::faults::ElectrodeFault;
 use crate::scene::{DifferenceKind, Reference, Scene};
 use crate::skin::Skin;
-use crate::text::counted;
 use eit_fem::Protocol;
 use eit_hw::{MeasuredFrames, Quality, Recording};
-use eit_inverse::noise_std_of_quiet_frames;
-use ndarray::{Array2, ArrayView2, Axis};
-use std::fmt;
+use ndarray::{Array2, ArrayView2, Axis, Slice};
 use std::path::PathBuf;
 
 /// Frames that are ready for reconstruction.
@@ -195,7 +195,9 @@ impl Skin {
         let found = match reference {
             ReferenceInput::Settings => reference::choose(self, &loaded, None)?,
             ReferenceInput::Named(reference) => reference::choose(self, &loaded, Some(reference))?,
-            ReferenceInput::Values(values) => reference::of_caller(self.measured(values)?),
+            ReferenceInput::Values(values) => {
+                reference::of_others(self.measured(values)?, "the given reference")
+            }
         };
         assemble(self, loaded, found)
     }
@@ -211,15 +213,7 @@ impl Skin {
             true => Quality::GOOD,
             false => Quality::NON_FINITE,
         });
-        Ok(MeasuredFrames {
-            values: values.to_owned(),
-            quality,
-            unit: eit_hw::Unit::Arbitrary,
-            device_time_s: None,
-            frequency_hz: None,
-            current_a: None,
-            phase_rad: None,
-        })
+        Ok(of_values(values.to_owned(), quality, eit_hw::Unit::Arbitrary))
     }
 
     /// Takes an instrument's frames of the untouched skin; their mean is the reference.
@@ -260,67 +254,40 @@ impl Skin {
     }
 }
 
-/// Determines which measurements are used, and why the others are not.
+/// Puts frames and their reference together: which measurements are used, and what is odd about them.
 fn assemble(
     skin: &Skin,
-    loaded: Loaded,
+    mut loaded: Loaded,
     found: reference::ReferenceFrame,
 ) -> Result<Frames, SkinError> {
-    let mut notes = loaded.notes.clone();
+    let mut notes = std::mem::take(&mut loaded.notes);
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();
     let reciprocity_error = order::check(skin, loaded.ordered_by_file, &mean, &mut notes)?;
-    let reasons = reasons_to_leave_out(skin, &loaded, &found);
+    let reasons = unused::reasons(skin, &loaded, &found);
     let mut used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
-    for why in [Unused::Driven, Unused::Zero, Unused::BadReference, Unused::MostlyBad] {
-        let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
-        if count > 0 {
-            notes
-                .push(format!("{} left out: {why}", counted(count, "measurement", "measurements")));
-        }
-    }
-    if loaded.frames.are_equal() {
-        notes.push(format!(
-            "all {count} frames are equal to the last digit: the instrument repeats an old frame, or its converter is \
-             too coarse to show its noise"
-        ));
-    }
-    if found.left_out > 0 {
-        notes.push(reference::left_out(found.left_out));
-    }
-    if !found.touched {
-        let reference::FlaggedValues { values, quality } = &found.frames;
-        let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
-        notes.extend(steady::unrest(values.view(), is_good).map(steady::description));
-    }
+    notes.extend(Unused::notes(&reasons));
+    notes.extend(doubts(&loaded.frames, &found, &used));
     let quiet = quiet::find(skin, &loaded.frames, &found, &used, &mut notes)?;
-    let mut faults = leave_out_lost(skin, &reasons, &found.values, &mut used, &mut notes);
-    faults.extend(leave_out_floating(skin, &found, quiet.as_ref(), &mut used, &mut notes)?);
-    if reasons.iter().all(|reason| *reason == Some(Unused::Driven)) {
-        return Err(SkinError::input(
-            "no measurement is usable: all are on current-carrying electrodes. If values are potentials against the sink, give \
-             [protocol] pairs and measure = \"ground\", which need no contact impedance; or set [reconstruction] \
-             use_driven_electrodes = true",
-        ));
-    }
-    if !used.contains(&true) {
-        return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
-    }
-    let first = skin.settings.recording.first_frame.unwrap_or(0);
+    let mut faults = unused::leave_out_lost(skin, &reasons, &found.values, &mut used);
+    faults.extend(unused::leave_out_floating(skin, &found.values, quiet.as_ref(), &mut used)?);
+    let note = |ElectrodeFault { electrode, kind, .. }: &ElectrodeFault| {
+        format!("electrode {} {}", electrode + 1, kind.description())
+    };
+    notes.extend(faults.iter().map(note));
+    unused::check_any(&reasons, &used, &notes)?;
+    let keys = &skin.settings.recording;
+    let first = keys.first_frame.unwrap_or(0);
     if first >= count {
         let message = format!("recording.first_frame is {first}, but there are {count} frames");
         return Err(SkinError::input(message));
     }
-    let rate_hz = skin
-        .settings
-        .recording
-        .frame_rate_hz
-        .or_else(|| rate(loaded.frames.device_time_s.as_deref()));
+    let rate_hz = keys.frame_rate_hz.or_else(|| rate(loaded.frames.device_time_s.as_deref()));
     let good = loaded.frames.quality.mapv(|q| q.is_good());
-    let from_first = |array: &Array2<f64>| array.slice_axis(Axis(0), (first..).into()).to_owned();
+    let from_first = Slice::from(first..);
     Ok(Frames {
-        values: from_first(&loaded.frames.values),
-        good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
+        values: loaded.frames.values.slice_axis(Axis(0), from_first).to_owned(),
+        good: good.slice_axis(Axis(0), from_first).to_owned(),
         reference_frames: found.frames.values.nrows(),
         reference: found.values,
         reference_source: found.source,
@@ -333,114 +300,24 @@ fn assemble(
     })
 }
 
-/// Excludes the measurements of electrodes that float in the quiet frames.
-fn leave_out_floating(
-    skin: &Skin,
+/// What is odd about frames and their reference, in words.
+fn doubts(
+    frames: &MeasuredFrames,
     found: &reference::ReferenceFrame,
-    quiet: Option<&QuietFrames>,
-    used: &mut [bool],
-    notes: &mut Vec<String>,
-) -> Result<Vec<ElectrodeFault>, SkinError> {
-    let noise = quiet.map(|quiet| noise_std_of_quiet_frames(quiet.values.view()));
-    let Some(Ok(std_v)) = noise else { return Ok(Vec::new()) };
-    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &found.values)?;
-    for fault in &found {
-        notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.description()));
-    }
-    left_out.into_iter().for_each(|i| used[i] = false);
-    Ok(found)
-}
-
-/// Leaves out electrodes of which nothing can be used from the start, and names them: those whose measurements are all
-/// zero or bad, and those whose measurements all have the same value, as at full scale.
-fn leave_out_lost(
-    skin: &Skin,
-    reasons: &[Option<Unused>],
-    reference: &[f64],
-    used: &mut [bool],
-    notes: &mut Vec<String>,
-) -> Vec<ElectrodeFault> {
-    let measured: Vec<bool> =
-        reasons.iter().map(|reason| *reason != Some(Unused::Driven)).collect();
-    let of_electrode = faults::of_electrode(&skin.protocol, &measured);
-    let kind_of = |of_e: &Vec<usize>| {
-        if of_e.len() < LEAST_OF_ELECTRODE {
-            return None;
-        }
-        if of_e.iter().all(|&i| reasons[i].is_some()) {
-            let is_flagged = of_e.iter().any(|&i| reasons[i] != Some(Unused::Zero));
-            return Some(if is_flagged { FaultKind::Flagged } else { FaultKind::Contradicts });
-        }
-        let size = reference[of_e[0]].abs();
-        let is_same = of_e.iter().all(|&i| reasons[i].is_none() && reference[i].abs() == size);
-        (size > 0.0 && is_same).then_some(FaultKind::Stuck)
-    };
-    let kinds: Vec<Option<FaultKind>> = of_electrode.iter().map(kind_of).collect();
-    let found = kinds.iter().flatten().count();
-    // more than that is another kind of file
-    if 3 * found > of_electrode.len() {
-        return Vec::new();
-    }
-    let lost = kinds.iter().enumerate().filter_map(|(e, kind)| Some((e, (*kind)?)));
-    lost.map(|(electrode, kind)| {
-        notes.push(format!("electrode {} {}", electrode + 1, kind.description()));
-        of_electrode[electrode].iter().for_each(|&i| used[i] = false);
-        ElectrodeFault { electrode, kind, since_s: 0.0 }
-    })
-    .collect()
-}
-
-/// An electrode with fewer measurements is not judged.
-const LEAST_OF_ELECTRODE: usize = 4;
-
-/// Threshold for almost zero, relative to the largest value of the reference frame: changes divided by less
-/// are noise of any instrument (120 dB).
-const ALMOST_ZERO: f64 = 1e-6;
-
-/// Why a measurement is excluded from all frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Unused {
-    Driven,
-    Zero,
-    BadReference,
-    MostlyBad,
-}
-
-impl fmt::Display for Unused {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Driven => "on current-carrying electrodes",
-            Self::Zero => "zero, or almost, in the reference frame",
-            Self::BadReference => "flagged bad in the reference",
-            Self::MostlyBad => "flagged bad in more than half of the frames",
-        })
-    }
-}
-
-/// Why each measurement is excluded from all frames; `None` if it is used. A measurement that is bad in some
-/// frames only is excluded from those frames.
-fn reasons_to_leave_out(
-    skin: &Skin,
-    loaded: &Loaded,
-    found: &reference::ReferenceFrame,
-) -> Vec<Option<Unused>> {
-    let (reference, reference_good) = (&found.values, &found.good);
-    let driven = on_driven_electrodes(&skin.protocol);
-    let use_driven = skin.settings.reconstruction.use_driven_electrodes;
-    let normalised = skin.difference_kind() == DifferenceKind::Normalised;
-    let finite = reference.iter().filter(|v| v.is_finite());
-    let largest = finite.fold(0.0_f64, |m, v| m.max(v.abs()));
-    let frames = loaded.frames.quality.nrows();
-    let bad = |i: usize| loaded.frames.quality.column(i).iter().filter(|q| !q.is_good()).count();
-    (0..skin.protocol.measurements())
-        .map(|i| match i {
-            _ if driven[i] && !use_driven => Some(Unused::Driven),
-            _ if !reference_good[i] || !reference[i].is_finite() => Some(Unused::BadReference),
-            _ if 2 * bad(i) > frames => Some(Unused::MostlyBad),
-            _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(Unused::Zero),
-            _ => None,
-        })
-        .collect()
+    used: &[bool],
+) -> impl Iterator<Item = String> {
+    let equal = frames.are_equal().then(|| {
+        format!(
+            "all {} frames are equal to the last digit: the instrument repeats an old frame, or its converter is \
+             too coarse to show its noise",
+            frames.values.nrows()
+        )
+    });
+    let left_out = (found.left_out > 0).then(|| reference::left_out(found.left_out));
+    let reference::FlaggedValues { values, quality } = &found.frames;
+    let is_good = |f: usize, i: usize| used[i] && quality[(f, i)].is_good();
+    let unrest = (!found.touched).then(|| steady::unrest(values.view(), is_good)).flatten();
+    equal.into_iter().chain(left_out).chain(unrest.map(steady::description))
 }
 
 /// Whether each measurement involves a current-carrying electrode, for patterns that drive two. With patterns

@@ -1,10 +1,11 @@
 //! The reference frame, which is subtracted: a frame, a mean, or another file.
 
-use super::load::{Loaded, name_of, read};
+use super::load::{Loaded, name_of, of_values, read};
 use super::steady;
 use crate::error::SkinError;
 use crate::scene::Reference;
 use crate::skin::Skin;
+use crate::text::counted;
 use eit_hw::{MeasuredFrames, Quality};
 use ndarray::{Array2, Axis};
 use std::ops::Range;
@@ -32,6 +33,15 @@ pub(crate) struct ReferenceFrame {
 pub(crate) struct FlaggedValues {
     pub values: Array2<f64>,
     pub quality: Array2<Quality>,
+}
+
+impl ReferenceFrame {
+    /// Averages frames.
+    fn mean(frames: MeasuredFrames, source: String) -> Self {
+        let (values, good) = frames.mean_of(0..frames.values.nrows());
+        let frames = FlaggedValues { values: frames.values, quality: frames.quality };
+        Self { values, good, source, frames, touched: false, left_out: 0 }
+    }
 }
 
 /// Chooses the reference of the command line (`given`, files relative to the working directory), else the
@@ -69,25 +79,10 @@ pub(crate) fn choose(
     let touched = range == (0..count);
     let wanted = range.len();
     let rows = if touched { range.collect() } else { of_one_kind(&loaded.frames, range) };
-    let frames = MeasuredFrames {
-        values: loaded.frames.values.select(Axis(0), &rows),
-        quality: loaded.frames.quality.select(Axis(0), &rows),
-        unit: loaded.frames.unit,
-        device_time_s: None,
-        frequency_hz: None,
-        current_a: None,
-        phase_rad: None,
-    };
-    let (values, good) = frames.mean_of(0..rows.len());
-    let frames = FlaggedValues { values: frames.values, quality: frames.quality };
-    Ok(ReferenceFrame {
-        values,
-        good,
-        source: words,
-        frames,
-        touched,
-        left_out: wanted - rows.len(),
-    })
+    let MeasuredFrames { values, quality, unit, .. } = &loaded.frames;
+    let select = (values.select(Axis(0), &rows), quality.select(Axis(0), &rows));
+    let mean = ReferenceFrame::mean(of_values(select.0, select.1, *unit), words);
+    Ok(ReferenceFrame { touched, left_out: wanted - rows.len(), ..mean })
 }
 
 /// Returns the frames of a range without damaged ones and those of another level, as for live
@@ -102,19 +97,14 @@ fn of_one_kind(frames: &MeasuredFrames, range: Range<usize>) -> Vec<usize> {
 
 /// Describes how many frames were left out of a reference.
 pub(crate) fn left_out(count: usize) -> String {
-    let frames = if count == 1 { "frame" } else { "frames" };
-    format!(
-        "{count} {frames} left out of the reference: damaged, or of another level than the others"
-    )
+    let frames = counted(count, "frame", "frames");
+    format!("{frames} left out of the reference: damaged, or of another level than the others")
 }
 
 /// Averages frames of the untouched skin.
 pub(crate) fn of_quiet(frames: &MeasuredFrames) -> ReferenceFrame {
-    let count = frames.values.nrows();
-    let (values, good) = frames.mean_of(0..count);
-    let source = format!("the first {count} frames");
-    let frames = FlaggedValues { values: frames.values.clone(), quality: frames.quality.clone() };
-    ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 }
+    let source = format!("the first {} frames", frames.values.nrows());
+    ReferenceFrame::mean(frames.clone(), source)
 }
 
 fn from_file(skin: &Skin, path: &Path) -> Result<ReferenceFrame, SkinError> {
@@ -122,19 +112,11 @@ fn from_file(skin: &Skin, path: &Path) -> Result<ReferenceFrame, SkinError> {
     Ok(of_others(other.frames, &name_of(path)))
 }
 
-/// Averages frames of the untouched skin that the caller gave.
-pub(crate) fn of_caller(frames: MeasuredFrames) -> ReferenceFrame {
-    of_others(frames, "the given reference")
-}
-
-/// Averages frames of another recording.
-fn of_others(others: MeasuredFrames, name: &str) -> ReferenceFrame {
+/// Averages frames of another recording, or that the caller gave.
+pub(crate) fn of_others(others: MeasuredFrames, name: &str) -> ReferenceFrame {
     let count = others.values.nrows();
-    let (values, good) = others.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
-    let source = format!("{name} ({frames})");
-    let frames = FlaggedValues { values: others.values, quality: others.quality };
-    ReferenceFrame { values, good, source, frames, touched: false, left_out: 0 }
+    ReferenceFrame::mean(others, format!("{name} ({frames})"))
 }
 
 fn single(frame: usize) -> (Range<usize>, String) {

@@ -17,12 +17,14 @@
 //! | `places.rs` | places to press, and how a place is described and drawn |
 //! | `falling.rs` | [`FallingError`]: the error after each number of presses, and when to end |
 //! | `store.rs` | `PressStore`: recording and table |
+//! | `watch.rs` | when a press is held, and the means of its frames |
 
 mod collector;
 mod falling;
 mod places;
 #[cfg(feature = "recording")]
 mod store;
+mod watch;
 
 pub use collector::{AskedPress, CollectSettings, CollectedPress, Collecting, PressCollector};
 pub use falling::{ErrorPoint, FallingError};

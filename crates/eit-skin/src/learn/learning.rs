@@ -9,10 +9,11 @@ use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use crate::touches::{DEFAULT_RATE_HZ, PressTouch, TouchFinder};
-use eit_core::vector::{distance, sub};
+use eit_core::vector::{along, distance, sub};
 use eit_inverse::learn::{ForceCurve, ForceSample, MapSettings, Orientation, Presses, ResponseMap};
 use eit_inverse::noise_std_of_quiet_frames;
 use eit_inverse::touch::{HeldPress, LearntDetector, LearntSettings, Stated};
+use ndarray::{Array1, ArrayView1};
 
 /// Radius of a touch if the scene states none, as a fraction of the skin's: 10 mm on one of 85.
 const BELL_PART: f64 = 0.12;
@@ -114,38 +115,12 @@ impl LearnedSkin {
         joined: &Joined,
     ) -> Result<Self, SkinError> {
         let skin = &*fitted.skin;
-        let middle_m = middle_m(skin);
-        let shift_m = match frame {
-            Frame::Scene => [0.0; 3],
-            Frame::Fitted => sub(middle_m, middle_of(&joined.table.places_m)),
-        };
-        let shifted = |place: &[f64; 3]| std::array::from_fn(|k| place[k] + shift_m[k]);
-        let presses = Presses {
-            places_m: joined.table.places_m.iter().map(shifted).collect(),
-            frames: joined.table.frames.clone(),
-            sessions: joined.table.sessions.clone(),
-        };
-        if frame == Frame::Fitted {
-            check_reach(&presses.places_m, middle_m, radius_m(skin))
-                .map_err(|e| e.within(&pressed.place))?;
-        }
+        let (presses, shift_m) =
+            placed(skin, &joined.table, frame).map_err(|e| e.within(&pressed.place))?;
         let bell_m = skin.skin.settings.touch.radius_m.unwrap_or(BELL_PART * radius_m(skin));
-        let channels = joined.channels.clone();
-        let levels = joined
-            .untouched
-            .columns()
-            .into_iter()
-            .map(|column| eit_core::median(column.iter().copied()).unwrap_or(0.0));
-        let levels: Vec<f64> = levels.collect();
+        let level = |column: ArrayView1<'_, f64>| eit_core::median(column.iter().copied());
+        let levels = joined.untouched.columns().into_iter().map(|of| level(of).unwrap_or(0.0));
         let of_table = pressed.interval_s.or(earlier.map(|earlier| earlier.interval_s));
-        let errors = PlaceErrors { median_m: 0.0, mean_m: 0.0 };
-        let held_out = HeldOut {
-            model: None,
-            presses: errors,
-            shown: 0.0,
-            middle: errors,
-            false_touches: [0; 2],
-        };
         let mut made = Self {
             fingerprint: skin.skin.fingerprint.clone(),
             measurements: fitted.frames.used.len(),
@@ -157,15 +132,15 @@ impl LearnedSkin {
             stated: Stated::NONE,
             places_by: PlacesBy::Presses,
             force: None,
-            channels,
-            levels,
+            levels: levels.collect(),
+            channels: joined.channels.clone(),
             bell_m,
             frame,
             shift_m,
             presses,
-            held_out,
+            held_out: HeldOut::default(),
         };
-        let found = made.oriented(skin, middle_m, frame == Frame::Fitted)?;
+        let found = made.oriented(skin, middle_m(skin), frame == Frame::Fitted)?;
         made.orientation = match frame {
             Frame::Fitted => found,
             Frame::Scene => Orientation::of_model(found.sign),
@@ -183,7 +158,7 @@ impl LearnedSkin {
         let (places_m, factors) = (places(skin), ratios(skin, &self.channels, &self.levels));
         let model = responses(skin, &self.channels, &factors, &places_m, self.bell_m)?;
         let scale = ResponseMap::scales(&self.presses.frames, &self.levels);
-        let scale = ndarray::Array1::from_vec(scale);
+        let scale = Array1::from_vec(scale);
         let changes = &self.presses.frames / &scale;
         let model = model / &scale;
         let presses_m = &self.presses.places_m;
@@ -200,8 +175,7 @@ impl LearnedSkin {
         }
         let steps = self.steps();
         let rows = if steps.nrows() > 0 { &steps } else { &(&self.presses.frames * 0.01) };
-        let mean2 =
-            |column: ndarray::ArrayView1<'_, f64>| column.dot(&column) / rows.nrows() as f64;
+        let mean2 = |column: ArrayView1<'_, f64>| column.dot(&column) / rows.nrows() as f64;
         rows.columns().into_iter().map(|column| (0.5 * mean2(column)).sqrt()).collect()
     }
 
@@ -305,6 +279,25 @@ fn errors_of_middle(places_m: &[[f64; 3]]) -> Vec<f64> {
     let sum: [f64; 3] = std::array::from_fn(|k| places_m.iter().map(|p| p[k]).sum());
     let others = |place: &[f64; 3]| std::array::from_fn(|k| (sum[k] - place[k]) / (count - 1.0));
     places_m.iter().map(|place| distance(*place, others(place))).collect()
+}
+
+/// Presses in the coordinates of the scene, and what was added to their places.
+fn placed(
+    skin: &LinearisedSkin,
+    table: &Presses,
+    frame: Frame,
+) -> Result<(Presses, [f64; 3]), SkinError> {
+    let middle_m = middle_m(skin);
+    let shift_m = match frame {
+        Frame::Scene => [0.0; 3],
+        Frame::Fitted => sub(middle_m, middle_of(&table.places_m)),
+    };
+    let places_m = table.places_m.iter().map(|place| along(*place, 1.0, shift_m)).collect();
+    let presses = Presses { places_m, ..table.clone() };
+    if frame == Frame::Fitted {
+        check_reach(&presses.places_m, middle_m, radius_m(skin))?;
+    }
+    Ok((presses, shift_m))
 }
 
 /// Middle of the bounding box.

@@ -1,6 +1,6 @@
 //! The fields by which every output names a touch, a faulty electrode and a frame (docs/JSON_LINES.md).
 
-use super::TouchFrame;
+use super::LiveImages;
 use crate::faults::{ElectrodeFault, FaultKind};
 use eit_inverse::touch::{Touch, TouchState};
 use serde::{Serialize, Serializer};
@@ -43,6 +43,38 @@ impl SkinState {
             Self::NoData => Some("no data"),
         }
     }
+}
+
+/// The touches of one frame, and its image if images are made.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct TouchFrame<'a> {
+    /// Number of frames shown before it since the start.
+    pub number: u64,
+    /// Sequence number assigned by the instrument; gaps are lost frames.
+    pub sequence: u64,
+    /// Number of the connection, from 0; it increases when a lost instrument is found again.
+    pub epoch: u32,
+    /// Time of the frame, seconds: the instrument's, else that of its arrival. It increases over the whole session,
+    /// also where an instrument that was found again begins at 0.
+    pub time_s: f64,
+    /// Time when its last byte arrived by this computer's clock, seconds since 1970.
+    pub host_time_s: Option<f64>,
+    /// What is known of the skin.
+    pub state: SkinState,
+    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `state`, `whole`.
+    pub touches: &'a [Touch],
+    /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
+    pub faults: &'a [ElectrodeFault],
+    /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
+    pub whole: bool,
+    /// Conductivity change of the faintest touch, siemens.
+    pub level_s: f64,
+    /// Time from the last byte of a live frame to its touches, seconds.
+    pub latency_s: Option<f64>,
+    /// The image, if images are made and this one has been.
+    pub images: Option<&'a LiveImages>,
+    /// Time from the last byte of a live frame to its image, seconds.
+    pub image_latency_s: Option<f64>,
 }
 
 /// A frame and its touches.

@@ -1,9 +1,8 @@
 //! The first frames of an epoch, which become its reference.
 
-use crate::frames::{left_out, steady};
+use crate::frames::{left_out, of_frames, steady};
 use crate::scene::LEAST_REFERENCE_FRAMES;
-use eit_hw::{Frame, MeasuredFrames, Unit};
-use ndarray::Array2;
+use eit_hw::{Frame, Unit};
 
 /// While frames change as if the skin were touched, the reference waits up to this many times its length.
 const PATIENCE: usize = 10;
@@ -75,7 +74,7 @@ impl ReferenceFrames {
             return false;
         }
         let is_patient = self.came < PATIENCE * self.wanted;
-        let all = measured(&self.frames, Unit::Volt);
+        let all = of_frames(&self.frames, Unit::Volt);
         let is_good = |f: usize, i: usize| all.quality[(f, i)].is_good();
         let others = steady::others(all.values.view(), is_good);
         if is_patient && !others.is_empty() && 2 * others.len() < self.wanted {
@@ -122,19 +121,5 @@ impl ReferenceFrames {
         }
         // the frames themselves are looked at again with the measurements that are used
         (frames, notes)
-    }
-}
-
-/// Converts frames to those of a recording.
-pub(super) fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
-    let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
-    MeasuredFrames {
-        values: Array2::from_shape_fn(shape, |(row, column)| frames[row].values[column]),
-        quality: Array2::from_shape_fn(shape, |(row, column)| frames[row].quality[column]),
-        unit,
-        device_time_s: None,
-        frequency_hz: None,
-        current_a: None,
-        phase_rad: None,
     }
 }

@@ -1,33 +1,26 @@
 //! From frames to touches, one frame at a time, whatever their source.
 
 use super::clock::Clock;
-use super::reference::{ReferenceFrames, measured};
+use super::epoch::{Epoch, EpochSettings};
+use super::listed::ListedTouches;
+use super::reference::ReferenceFrames;
 use super::{
-    LiveImages, LiveModel, SkinState, check_reference_frames, is_interruption, is_reference,
+    LiveImages, LiveModel, SkinState, TouchFrame, check_reference_frames, is_interruption,
+    is_reference,
 };
 use crate::error::SkinError;
-use crate::faults::ElectrodeFault;
-use crate::progress::Progress;
-use crate::touches::{TouchFinder, assumed_rate_text};
 use eit_hw::driver::{Event, FrameSource, Setup};
 use eit_hw::{Frame, Unit};
-use eit_inverse::touch::{Touch, TouchState};
 use std::sync::Arc;
-use std::thread::{JoinHandle, ScopedJoinHandle};
+use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-
-/// An image older than this says little about the next one, seconds.
-const LONGEST_LINK_S: f64 = 0.5;
 
 /// Computes the touches of frames one by one; the first frames of an epoch are its reference. What needs the reference is set up on a
 /// thread of its own if frames arrive now: none of them waits, and touches follow from the first one after that. Frames of a recording
 /// wait, and touches follow where they did.
 #[derive(Debug)]
 pub struct LiveStream {
-    model: Arc<LiveModel>,
-    unit: Unit,
-    frame_rate_hz: Option<f64>,
-    with_images: bool,
+    settings: EpochSettings,
     /// Factor for the frame's values.
     factor: f64,
     reference: ReferenceFrames,
@@ -46,39 +39,17 @@ pub struct LiveStream {
     is_ready: bool,
     /// Clock of the epoch before, which the next one continues.
     clock: Option<Clock>,
-    /// Id of the next epoch's first touch: ids are never used again.
-    first_id: u64,
-    /// Added to the ids of the epoch's finder, some of whose touches have ended for everybody else.
-    id_offset: u64,
-    /// Whether the list that was made last says that all touches have ended.
-    is_ended: bool,
+    listed: ListedTouches,
     /// Whether a frame of this epoch was searched for touches.
     has_found: bool,
     /// Number of frames since the start that were searched for touches.
     frames: u64,
     values: Vec<f64>,
-    touches: Vec<Touch>,
     time_s: f64,
     latency_s: Option<f64>,
     image_latency_s: Option<f64>,
-    /// Whether the image of the last frame has been made.
-    has_image: bool,
-    /// Time of the last image, seconds.
-    image_time_s: Option<f64>,
     /// Arrival time of the last frame if it was live, seconds since 1970.
     came_s: Option<f64>,
-}
-
-/// Objects that process the frames of an epoch.
-#[derive(Debug)]
-struct Epoch {
-    /// Frames of its reference, ...
-    reference: Vec<Frame>,
-    /// ... and what they say about the scene.
-    notes: Vec<String>,
-    finder: TouchFinder,
-    images: Option<LiveImages>,
-    clock: Clock,
 }
 
 /// What an event of a source led to.
@@ -99,38 +70,6 @@ pub enum Step {
     Touches,
 }
 
-/// The touches of one frame, and its image if images are made.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct TouchFrame<'a> {
-    /// Number of frames shown before it since the start.
-    pub number: u64,
-    /// Sequence number assigned by the instrument; gaps are lost frames.
-    pub sequence: u64,
-    /// Number of the connection, from 0; it increases when a lost instrument is found again.
-    pub epoch: u32,
-    /// Time of the frame, seconds: the instrument's, else that of its arrival. It increases over the whole session, also
-    /// where an instrument that was found again begins at 0.
-    pub time_s: f64,
-    /// Time when its last byte arrived by this computer's clock, seconds since 1970.
-    pub host_time_s: Option<f64>,
-    /// What is known of the skin.
-    pub state: SkinState,
-    /// Touches. Empty if nothing touches the skin, and if nothing is known of it: see `state`, `whole`.
-    pub touches: &'a [Touch],
-    /// Electrodes excluded from the frame: open, shorted, noisy, stuck or drifting.
-    pub faults: &'a [ElectrodeFault],
-    /// Whether every used measurement counted: no faulty electrode or bad value was excluded.
-    pub whole: bool,
-    /// Conductivity change of the faintest touch, siemens.
-    pub level_s: f64,
-    /// Time from the last byte of a live frame to its touches, seconds.
-    pub latency_s: Option<f64>,
-    /// The image, if images are made and this one has been.
-    pub images: Option<&'a LiveImages>,
-    /// Time from the last byte of a live frame to its image, seconds.
-    pub image_latency_s: Option<f64>,
-}
-
 impl LiveStream {
     /// Creates a stream for the frames of an instrument with this set-up.
     pub(crate) fn new(model: Arc<LiveModel>, setup: &Setup) -> Self {
@@ -141,56 +80,48 @@ impl LiveStream {
     pub fn of_unit(model: Arc<LiveModel>, unit: Unit, frame_rate_hz: Option<f64>) -> Self {
         Self {
             factor: model.skin().live_factor(unit),
-            unit,
-            frame_rate_hz,
-            with_images: true,
             reference: ReferenceFrames::new(model.reference_frames),
             connection: None,
             sequence: None,
             host_time_s: None,
-            model,
+            settings: EpochSettings { model, unit, frame_rate_hz, with_images: true },
             epoch: None,
             coming: None,
             until: None,
             is_ready: false,
             clock: None,
-            first_id: 1,
-            id_offset: 0,
-            is_ended: true,
+            listed: ListedTouches::new(),
             has_found: false,
             frames: 0,
             values: Vec::new(),
-            touches: Vec::new(),
             time_s: 0.0,
             latency_s: None,
             image_latency_s: None,
-            has_image: false,
-            image_time_s: None,
             came_s: None,
         }
     }
 
     /// Disables images, which touches do not need.
     pub fn without_images(mut self) -> Self {
-        self.with_images = false;
+        self.settings.with_images = false;
         self
     }
 
     /// Enables images from the next epoch on.
     pub(super) fn make_images(&mut self) {
-        self.with_images = true;
+        self.settings.with_images = true;
     }
 
     /// Begins a new epoch: the next frames are its reference.
     pub fn restart(&mut self) {
         if let Some(epoch) = self.epoch.take() {
-            self.first_id = epoch.finder.next_id() + std::mem::take(&mut self.id_offset);
+            self.listed.end_epoch(epoch.finder.next_id());
             self.clock = Some(epoch.clock);
         }
         (self.coming, self.until, self.is_ready) = (None, None, false);
         self.has_found = false;
-        self.touches.clear();
-        self.reference = ReferenceFrames::new(self.model.reference_frames);
+        self.listed.touches.clear();
+        self.reference = ReferenceFrames::new(self.settings.model.reference_frames);
     }
 
     /// Begins a new epoch with these frames as its reference.
@@ -201,10 +132,10 @@ impl LiveStream {
     /// then the reference.
     pub fn set_reference(&mut self, frames: &[Frame]) -> Result<(), SkinError> {
         check_reference_frames(frames.len())?;
-        let measurements = self.model.skin().protocol.measurements();
+        let measurements = self.settings.model.skin().protocol.measurements();
         frames.iter().try_for_each(|frame| SkinError::check_frame(frame, measurements))?;
         self.restart();
-        let epoch = self.set_up(frames.to_vec(), Vec::new())()?;
+        let epoch = self.settings.set_up(self.clock, frames.to_vec(), Vec::new())?;
         self.begin(epoch);
         (self.until, self.is_ready) = (self.sequence, true);
         Ok(())
@@ -225,7 +156,8 @@ impl LiveStream {
     fn name_reference(&mut self, sequences: Vec<u64>, until: Option<u64>) {
         let is_ahead = sequences.iter().max() > self.sequence.as_ref();
         if is_ahead && self.epoch.is_none() && is_reference(sequences.len()) {
-            self.reference = ReferenceFrames::of_named(self.model.reference_frames, sequences);
+            self.reference =
+                ReferenceFrames::of_named(self.settings.model.reference_frames, sequences);
             self.until = until;
         }
     }
@@ -233,22 +165,24 @@ impl LiveStream {
     /// Ends the touches that were shown last, because no frame comes: the instrument is silent or gone, or the run is over. Returns
     /// the list that says so ([`SkinState::NoData`]); `None` if the last list already did.
     pub fn end(&mut self) -> Option<TouchFrame<'_>> {
-        if std::mem::replace(&mut self.is_ended, true) {
+        if !self.listed.end() {
             return None;
         }
         self.has_found = false;
-        self.touches.retain(|touch| touch.state != TouchState::End);
-        for touch in &mut self.touches {
-            (touch.state, touch.valid) = (TouchState::End, false);
-        }
+        let host_time_s = self.came_s.map(|_| now_s()).or(self.host_time_s);
+        Some(TouchFrame { host_time_s, ..self.last_frame(SkinState::NoData)? })
+    }
+
+    /// The last frame and its touches; `None` before the first one.
+    fn last_frame(&self, state: SkinState) -> Option<TouchFrame<'_>> {
         Some(TouchFrame {
             number: self.frames.checked_sub(1)?,
             sequence: self.sequence?,
             epoch: self.connection?,
             time_s: self.time_s,
-            host_time_s: self.came_s.map(|_| now_s()).or(self.host_time_s),
-            state: SkinState::NoData,
-            touches: &self.touches,
+            host_time_s: self.host_time_s,
+            state,
+            touches: &self.listed.touches,
             ..TouchFrame::default()
         })
     }
@@ -302,23 +236,10 @@ impl LiveStream {
     ///
     /// An image that cannot be made.
     pub fn make_image(&mut self) -> Result<(), SkinError> {
-        let Some(Epoch { finder, images: Some(images), .. }) = &mut self.epoch else {
-            return Ok(());
-        };
-        if self.has_image {
-            return Ok(());
+        let Some(epoch) = &mut self.epoch else { return Ok(()) };
+        if epoch.make_image(&self.values, &self.listed.touches, self.time_s)? {
+            self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
         }
-        let is_old =
-            self.image_time_s.is_none_or(|before_s| self.time_s - before_s > LONGEST_LINK_S);
-        if is_old {
-            images.restart();
-        }
-        self.image_time_s = Some(self.time_s);
-        let is_good = |i: usize| !finder.is_missing(i);
-        let is_explained = finder.step().is_none_or(|step| step.is_explained);
-        images.push(&self.values, finder.reference(), is_good, &self.touches, is_explained)?;
-        self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
-        self.has_image = true;
         Ok(())
     }
 
@@ -329,44 +250,26 @@ impl LiveStream {
     ///
     /// A frame with the wrong length; a reference without noise.
     pub fn push(&mut self, frame: &Frame, is_live: bool) -> Result<Step, SkinError> {
-        SkinError::check_frame(frame, self.model.skin().protocol.measurements())?;
+        SkinError::check_frame(frame, self.settings.model.skin().protocol.measurements())?;
         (self.sequence, self.host_time_s) = (Some(frame.sequence), frame.host_time_s);
         // a reference of another connection, gain or set-up does not hold any more
         if self.connection.replace(frame.epoch).is_some_and(|before| before != frame.epoch) {
             self.restart();
         }
-        let Some(Epoch { finder, clock, .. }) = self.epoch.as_mut().filter(|_| self.is_ready)
-        else {
+        let Some(epoch) = self.epoch.as_mut().filter(|_| self.is_ready) else {
             return self.wait(frame, is_live);
         };
         let factor = self.factor;
         self.values.clear();
-        let kind = self.model.skin().settings.recording.values;
+        let kind = self.settings.model.skin().settings.recording.values;
         self.values.extend(frame.values.iter().map(|value| factor * kind.voltage(*value)));
-        let time_s = clock.next_s(frame);
+        let time_s = epoch.clock.next_s(frame);
         let values = &self.values;
         let is_good = |i: usize| frame.quality[i].is_good() && values[i].is_finite();
-        // what goes on after it was said to have ended is another touch to whoever was told
-        let is_resumed = self.is_ended && !self.touches.is_empty();
-        if is_resumed {
-            self.id_offset += finder.next_id() - 1;
-        }
-        self.touches.clear();
-        self.has_image = true;
-        let offset = self.id_offset;
-        let touches = finder.push(&self.values, is_good, time_s)?;
-        self.touches.extend(touches.iter().map(|touch| Touch {
-            id: touch.id + offset,
-            state: match touch.state {
-                TouchState::Hold if is_resumed => TouchState::Begin,
-                state => state,
-            },
-            split_from: touch.split_from.map(|id| id + offset),
-            merged_into: touch.merged_into.map(|id| id + offset),
-            ..*touch
-        }));
-        self.is_ended = false;
-        self.has_image = false;
+        let is_resumed = self.listed.clear(epoch.finder.next_id());
+        epoch.has_image = true;
+        self.listed.take(epoch.finder.push(values, is_good, time_s)?, is_resumed);
+        epoch.has_image = false;
         self.has_found = true;
         self.time_s = time_s;
         self.came_s = frame.host_time_s.filter(|_| is_live);
@@ -392,7 +295,8 @@ impl LiveStream {
                 }
                 None => {
                     let (reference, notes) = self.reference.finish();
-                    let set_up = self.set_up(reference, notes);
+                    let (settings, before) = (self.settings.clone(), self.clock);
+                    let set_up = move || settings.set_up(before, reference, notes);
                     if is_live {
                         let thread = std::thread::Builder::new().name("eit set-up".to_owned());
                         let failed = |e| SkinError::Failure(format!("a thread: {e}"));
@@ -410,27 +314,15 @@ impl LiveStream {
 
     /// Returns the results for the frame that was pushed last; `None` while the reference is taken.
     pub fn shown(&self) -> Option<TouchFrame<'_>> {
-        let Epoch { finder, images, .. } = self.epoch.as_ref().filter(|_| self.has_found)?;
-        let mut used = finder.used().iter().enumerate();
+        let epoch = self.epoch.as_ref().filter(|_| self.has_found)?;
         Some(TouchFrame {
-            number: self.frames.checked_sub(1)?,
-            sequence: self.sequence?,
-            epoch: self.connection?,
-            time_s: self.time_s,
-            host_time_s: self.host_time_s,
-            state: match (finder.is_frozen(), finder.is_explained()) {
-                (true, _) => SkinState::Frozen,
-                (false, true) => SkinState::Sound,
-                (false, false) => SkinState::NotExplained,
-            },
-            touches: &self.touches,
-            faults: finder.faults(),
-            whole: finder.faults().is_empty()
-                && used.all(|(i, used)| !used || !finder.is_missing(i)),
-            level_s: finder.level_s(),
+            faults: epoch.finder.faults(),
+            whole: epoch.is_whole(),
+            level_s: epoch.finder.level_s(),
             latency_s: self.latency_s,
-            images: images.as_ref().filter(|_| self.has_image),
+            images: epoch.images.as_ref().filter(|_| epoch.has_image),
             image_latency_s: self.image_latency_s,
+            ..self.last_frame(epoch.state())?
         })
     }
 
@@ -449,51 +341,10 @@ impl LiveStream {
         self.epoch.as_ref().map_or(&[], |epoch| &epoch.notes)
     }
 
-    /// Returns what sets up an epoch with these reference frames and notes about them, on any thread.
-    fn set_up(
-        &self,
-        reference: Vec<Frame>,
-        mut notes: Vec<String>,
-    ) -> impl FnOnce() -> Result<Epoch, SkinError> + Send + 'static {
-        let Self { unit, frame_rate_hz, clock: before, with_images, .. } = *self;
-        let model = Arc::clone(&self.model);
-        move || {
-            let clock = match before {
-                Some(before) => before.next_epoch(frame_rate_hz, &reference),
-                None => Clock::new(frame_rate_hz, &reference),
-            };
-            let frames = model.skin().frames_of_quiet(measured(&reference, unit))?;
-            let fitted = model.linearised.fit(frames)?;
-            let (finder, images) = std::thread::scope(|scope| {
-                let images = with_images.then(|| scope.spawn(|| LiveImages::new(&model, &fitted)));
-                let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut Progress::silent());
-                let join = |images: ScopedJoinHandle<'_, _>| {
-                    images.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-                };
-                (finder, images.map(join).transpose())
-            });
-            let finder = finder?.ok_or_else(|| {
-                SkinError::input(
-                    "the reference frames show no noise, from which touches are distinguished: set \
-                     [noise] additive_v",
-                )
-            })?;
-            notes.extend(fitted.frames.notes);
-            notes.extend(finder.choices.warnings());
-            // later epochs have the rate of the first
-            if clock.is_assumed && before.is_none() {
-                notes.push(assumed_rate_text());
-            }
-            Ok(Epoch { reference, notes, finder, images: images?, clock })
-        }
-    }
-
     /// Begins an epoch.
     fn begin(&mut self, mut epoch: Epoch) {
-        epoch.finder.set_first_id(self.first_id);
+        epoch.finder.set_first_id(self.listed.first_id);
         self.epoch = Some(epoch);
-        // reference frames have no touches, so there is no image to make
-        (self.has_image, self.image_time_s) = (true, None);
     }
 }
 

@@ -87,26 +87,12 @@ impl Sizes<'_> {
 
     /// Set-up, choice of weights, and the iteration.
     pub(crate) fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
-        let (m, n, rank) = (self.measurements, self.skin_pixels, self.directions);
+        let (m, n) = (self.measurements, self.skin_pixels);
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
-        // the kernels process eight frames at once
-        let iteration = |frames: usize| 4.0 * n * rank * frames.next_multiple_of(TV_LANES) as f64;
-        let gap = self.skin.settings.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
-        let (iterations, whence) = match self.measured {
-            Some(row) => (row.iterations, format!("as on {}", row.scene)),
-            None => (TV_ITERATIONS, "a guess".to_owned()),
-        };
+        let keys = &self.skin.settings.reconstruction;
+        let gap = keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
+        let (iterations, whence) = self.iterations();
         let set_up = 2.0 * m * 4.0 * self.elements + 4.0 * m * m * n;
-        let trials = TV_TRIALS * iterations * iteration(count.min(TV_TRIAL_FRAMES));
-        let weights_s = match self.measured {
-            // proportional to the frames used; `scale` accounts for other machines
-            Some(row) if row.choice_s > 0.0 => {
-                let frames = |count: usize| count.min(TV_TRIAL_FRAMES).next_multiple_of(TV_LANES);
-                let part = frames(count) as f64 / frames(row.frames) as f64;
-                row.choice_s * part * 1e9 * row.machine_gflops / FITTED_FLOPS_PER_S
-            }
-            _ => trials / TV_FLOPS_PER_S,
-        };
         let slowness = FITTED_FLOPS_PER_S / self.machine.double_flops_per_s;
         let frames = match sequence {
             Sequence::Unknown => format!("{count} frames assumed"),
@@ -114,7 +100,6 @@ impl Sizes<'_> {
             Sequence::Frames(count) => format!("{count} frames"),
             Sequence::Still(count) => format!("the mean of {count} frames"),
         };
-        let keys = &self.skin.settings.reconstruction;
         let mut stages = vec![Stage {
             name: "Jacobian of pixels",
             size: format!("[{m}, {n}], rank {} at most", self.rank),
@@ -124,38 +109,68 @@ impl Sizes<'_> {
             why: "rotated to its independent directions: an iteration works on those".to_owned(),
         }];
         if keys.lambda_space.is_none() && keys.delta.is_none() {
-            stages.push(Stage {
-                name: "weights",
-                size: format!("about {TV_TRIALS} coarse solves"),
-                flops: trials,
-                bytes: 0.0,
-                time_s: weights_s,
-                why: format!("on at most the {TV_TRIAL_FRAMES} frames with the most signal"),
-            });
+            stages.push(self.weights(count));
         }
-        stages.push(Stage {
+        let iteration = Stage {
             name: "iteration",
             size: format!("{n} pixels, {frames}"),
-            flops: iteration(count),
+            flops: self.iteration_flops(count),
             bytes: TV_PASSES * 4.0 * n * count as f64,
-            time_s: iteration(count) / TV_FLOPS_PER_S,
+            time_s: self.iteration_flops(count) / TV_FLOPS_PER_S,
             why: format!(
                 "4 flops a pixel, direction and frame; {TV_PASSES} passes over the movie of 4 bytes \
                  a value"
             ),
-        });
-        stages.push(Stage {
+        };
+        let solve = Stage {
             name: "solve",
             size: format!("about {iterations:.0} iterations to gap {gap:e}"),
-            flops: iterations * iteration(count),
+            flops: iterations * iteration.flops,
             bytes: iterations * TV_PASSES * 4.0 * n * count as f64,
-            time_s: iterations * iteration(count) / TV_FLOPS_PER_S,
+            time_s: iterations * iteration.flops / TV_FLOPS_PER_S,
             why: format!(
                 "iterations {whence}: they vary with touches and noise; {:.0} Gflop/s effective",
                 1e-9 * TV_FLOPS_PER_S / slowness
             ),
-        });
+        };
+        stages.extend([iteration, solve]);
         stages
+    }
+
+    /// Operations of an iteration of total variation; the kernels process eight frames at once.
+    fn iteration_flops(&self, frames: usize) -> f64 {
+        4.0 * self.skin_pixels * self.directions * frames.next_multiple_of(TV_LANES) as f64
+    }
+
+    /// Number of iterations of total variation, and where it is known from.
+    fn iterations(&self) -> (f64, String) {
+        match self.measured {
+            Some(row) => (row.iterations, format!("as on {}", row.scene)),
+            None => (TV_ITERATIONS, "a guess".to_owned()),
+        }
+    }
+
+    /// Choice of the weights of total variation for so many frames.
+    fn weights(&self, count: usize) -> Stage {
+        let flops =
+            TV_TRIALS * self.iterations().0 * self.iteration_flops(count.min(TV_TRIAL_FRAMES));
+        let time_s = match self.measured {
+            // proportional to the frames used; `scale` accounts for other machines
+            Some(row) if row.choice_s > 0.0 => {
+                let frames = |count: usize| count.min(TV_TRIAL_FRAMES).next_multiple_of(TV_LANES);
+                let part = frames(count) as f64 / frames(row.frames) as f64;
+                row.choice_s * part * 1e9 * row.machine_gflops / FITTED_FLOPS_PER_S
+            }
+            _ => flops / TV_FLOPS_PER_S,
+        };
+        Stage {
+            name: "weights",
+            size: format!("about {TV_TRIALS} coarse solves"),
+            flops,
+            bytes: 0.0,
+            time_s,
+            why: format!("on at most the {TV_TRIAL_FRAMES} frames with the most signal"),
+        }
     }
 }
 

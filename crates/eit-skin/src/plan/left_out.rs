@@ -29,7 +29,8 @@ pub(super) fn listed(list: Vec<(&'static str, String)>) -> Vec<LeftOut> {
 /// Lists what the scene does not use, and why.
 pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool) -> Vec<LeftOut> {
     let cost = skin.model.cost();
-    let patterns = skin.protocol.stimulations_a().nrows();
+    let patterns =
+        skin.protocol.stimulations_a().nrows() + skin.protocol.measurement_patterns().nrows();
     let (m, products) = (skin.protocol.measurements(), cost.field_products);
     let mut list = vec![
         ("complex arithmetic", skin.why_real.to_owned()),
@@ -40,12 +41,8 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
         (
             "field solves",
             format!(
-                "{} of {} patterns: the others are combinations",
-                {
-                    (patterns + skin.protocol.measurement_patterns().nrows())
-                        .saturating_sub(cost.field_solves)
-                },
-                patterns + skin.protocol.measurement_patterns().nrows()
+                "{} of {patterns} patterns: the others are combinations",
+                patterns.saturating_sub(cost.field_solves)
             ),
         ),
     ];

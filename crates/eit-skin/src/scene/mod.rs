@@ -38,12 +38,13 @@ pub(crate) use reconstruction::DEFAULT_PIXELS;
 pub use reconstruction::{
     Delta, DeltaRule, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
 };
-pub(crate) use sections::LEAST_REFERENCE_FRAMES;
 use sections::plain;
+pub(crate) use sections::recording::LEAST_REFERENCE_FRAMES;
 pub use sections::{
-    AccuracyRule, DenoiseSettings, ElectrodeSettings, MeshDensity, NoiseSettings, OneOrMany,
-    OneOrManyFiles, Pair, Position, ProtocolSettings, RecordingSettings, Reference,
-    RequiredAccuracyKey, Shape, SkinSettings, TouchModel, TouchSettings, ValueKind,
+    AccuracyRule, DenoiseSettings, ElectrodeSettings, MeshDensity, NoiseSettings, OneOrMany, Pair,
+    Position, ProtocolSettings, RequiredAccuracyKey, Shape, SkinSettings, TouchModel,
+    TouchSettings,
+    recording::{OneOrManyFiles, RecordingSettings, Reference, ValueKind},
 };
 pub use settings::StageSettings;
 pub(crate) use settings::Symmetry;

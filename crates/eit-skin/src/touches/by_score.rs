@@ -5,9 +5,7 @@ use super::choices::Choices;
 #[cfg(feature = "learn")]
 use super::finder::PressTouch;
 use super::finder::Source;
-use super::model::{
-    Spread, VoltageNoise, common_mode, dents, drag_at_finger, electrode_kinds, unknowns,
-};
+use super::model::{SoughtSkin, Spread, VoltageNoise, common_mode, dents, drag_at_finger};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -15,10 +13,10 @@ use crate::fitted::FittedFrames;
 use crate::learn::LocalSheet;
 use crate::learn::{LearnedSkin, ModelForces};
 use crate::progress::Progress;
+use crate::scene::TouchSettings;
 use eit_inverse::touch::{
-    DetectorModel, DetectorStep, ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings, Touch,
+    DetectorStep, ElectrodeState, ScoreDetector, ScoreModel, ScoreSettings, Touch,
 };
-use ndarray::Array2;
 
 /// Finds touches by one score, frame by frame.
 #[derive(Debug, Clone)]
@@ -51,35 +49,70 @@ pub(super) fn source(
     progress: &mut Progress,
 ) -> Result<(Box<dyn Source>, Choices), SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
-    let (background_s, jacobian, voltages) = sheet.linearised(fitted);
-    let one = Spread { movement_m: 1.0, contact: 1.0, sheet: 1.0 };
-    let unknowns = unknowns(&skin.skin, background_s, &one, &mut Progress::silent())?;
-    let no_frames = Array2::zeros((0, frames.used.len()));
-    let model = DetectorModel {
-        surface: skin.skin.mesh.surface(),
-        jacobian,
-        model_v: &voltages.to_vec(),
-        unknowns: &unknowns,
-        kinds: &electrode_kinds(skin, unknowns.ncols())?,
-        reference_v: &frames.reference,
-        noise_std_v: &noise.std_v,
-        quiet_v: frames.quiet.as_ref().map_or(no_frames.view(), |quiet| quiet.values.view()),
-        used: &frames.used,
-        reciprocal: monitor.reciprocal(),
-        of_electrode: monitor.of_electrode(),
+    let settings = settings(&skin.skin.settings.touch);
+    let detector = detector(fitted, noise, sheet, &monitor, settings.clone(), progress)?;
+    let least_s_m2 = settings.least_m2 * skin.skin.conductivity_s / fitted.level();
+    let [rows, places] = detector.size();
+    let choices = Choices {
+        noise: noise.source.clone(),
+        presses: None,
+        sheet: sheet.choice(),
+        left_even: background::left_even(fitted),
+        rows,
+        places,
+        blind: 0,
+        twins: 0.0,
+        radius_m: settings.bell_m,
+        least_s_m2,
     };
-    let keys = &skin.skin.settings.touch;
+    let faults = monitor.faults().to_vec();
+    let local = sheet.local(fitted);
+    let made = ScoreTouches {
+        forces: learned.map(|learned| learned.model_forces(local.clone())),
+        // those that end are told once more
+        touches: Vec::with_capacity(2 * settings.max_touches),
+        #[cfg(feature = "learn")]
+        local,
+        reference: frames.reference.clone(),
+        since_s: vec![0.0; detector.electrodes().len()],
+        states: detector.electrodes().to_vec(),
+        monitor,
+        lasting: faults.len(),
+        faults,
+        detector,
+        step: None,
+    };
+    Ok((Box::new(made), choices))
+}
+
+/// Settings of the scene; the score is made for no more touches than by default.
+fn settings(keys: &TouchSettings) -> ScoreSettings {
     let default = ScoreSettings::default();
-    let settings = ScoreSettings {
+    ScoreSettings {
         sign: keys.sign,
         max_touches: keys.max_touches.unwrap_or(default.max_touches).min(default.max_touches),
         bell_m: keys.radius_m.unwrap_or(default.bell_m),
         ..default
-    };
+    }
+}
+
+/// Makes the detector, with the effects of dents and of what amplifiers add.
+fn detector(
+    fitted: &FittedFrames,
+    noise: &VoltageNoise,
+    sheet: &Sheet,
+    monitor: &FaultMonitor,
+    settings: ScoreSettings,
+    progress: &mut Progress,
+) -> Result<ScoreDetector, SkinError> {
+    let FittedFrames { skin, frames, .. } = fitted;
+    let one = Spread { movement_m: 1.0, contact: 1.0, sheet: 1.0 };
+    let sought = SoughtSkin::new(fitted, sheet, monitor, &one)?;
+    let (background_s, model) = (sought.background_s, sought.model(&noise.std_v));
     // without electrodes that move there is no fabric that does
-    let places = match unknowns.ncols() {
-        0 | 1 => Vec::new(),
-        _ => ScoreDetector::dent_places(&model, &settings),
+    let places = match sought.is_moving() {
+        true => ScoreDetector::dent_places(&model, &settings),
+        false => Vec::new(),
     };
     let of_dents = || dents(skin, background_s, &places, 1.0);
     let mut dents_v = progress.stage("dents of touches", of_dents)?;
@@ -96,41 +129,9 @@ pub(super) fn source(
         common_v: &common_mode(&skin.skin, background_s)?,
         leak_v: &sheet.leak_v,
     };
-    let least_s_m2 = settings.least_m2 * skin.skin.conductivity_s / fitted.level();
-    let (radius_m, most_touches) = (settings.bell_m, settings.max_touches);
     let detector =
         progress.stage("detector of touches", || ScoreDetector::new(&model, &dents_v, settings))?;
-    let [rows, places] = detector.size();
-    let choices = Choices {
-        noise: noise.source.clone(),
-        presses: None,
-        sheet: sheet.choice(),
-        left_even: background::left_even(fitted),
-        rows,
-        places,
-        blind: 0,
-        twins: 0.0,
-        radius_m,
-        least_s_m2,
-    };
-    let faults = monitor.faults().to_vec();
-    let local = sheet.local(fitted);
-    let made = ScoreTouches {
-        forces: learned.map(|learned| learned.model_forces(local.clone())),
-        // those that end are told once more
-        touches: Vec::with_capacity(2 * most_touches),
-        #[cfg(feature = "learn")]
-        local,
-        reference: frames.reference.clone(),
-        since_s: vec![0.0; detector.electrodes().len()],
-        states: detector.electrodes().to_vec(),
-        monitor,
-        lasting: faults.len(),
-        faults,
-        detector,
-        step: None,
-    };
-    Ok((Box::new(made), choices))
+    Ok(detector)
 }
 
 impl ScoreTouches {

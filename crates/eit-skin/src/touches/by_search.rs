@@ -3,15 +3,16 @@
 use super::background::{self, Sheet};
 use super::choices::Choices;
 use super::finder::{Source, detector_settings, tracker_settings};
-use super::model::{Spread, VoltageNoise, dents, electrode_kinds, unknowns};
+use super::model::{SoughtSkin, Spread, VoltageNoise, dents};
 use super::tracked::{Detector, Tracked};
 use crate::error::SkinError;
 use crate::faults::FaultMonitor;
 use crate::fitted::FittedFrames;
 use crate::learn::{LearnedSkin, ModelForces};
 use crate::progress::Progress;
-use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorStep, TouchDetector, TouchTracker};
-use ndarray::Array2;
+use eit_inverse::touch::{
+    DetectedTouch, DetectorSettings, DetectorStep, TouchDetector, TouchTracker,
+};
 
 /// Finds touches by the model, frame by frame.
 #[derive(Debug, Clone)]
@@ -33,39 +34,10 @@ pub(super) fn source(
 ) -> Result<(Box<dyn Source>, Choices), SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
     let keys = &skin.skin.settings.touch;
-    let (background_s, jacobian, voltages) = sheet.linearised(fitted);
-    let unknowns =
-        unknowns(&skin.skin, background_s, &Spread::in_use(skin), &mut Progress::silent())?;
-    let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
-    let no_frames = Array2::zeros((0, frames.used.len()));
-    let model = DetectorModel {
-        surface: skin.skin.mesh.surface(),
-        jacobian,
-        model_v: &voltages.to_vec(),
-        unknowns: &unknowns,
-        kinds: &electrode_kinds(skin, unknowns.ncols())?,
-        reference_v: &frames.reference,
-        noise_std_v: &std_v,
-        quiet_v: frames.quiet.as_ref().map_or(no_frames.view(), |quiet| quiet.values.view()),
-        used: &frames.used,
-        reciprocal: monitor.reciprocal(),
-        of_electrode: monitor.of_electrode(),
-    };
     // the detector takes voltages of g times the model's for a sheet of 1 / g of its conductivity
     let conductivity_s = skin.skin.conductivity_s / fitted.level();
     let settings = detector_settings(keys, conductivity_s);
-    let detector =
-        progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
-    let detector = match unknowns.ncols() == 1 {
-        true => detector,
-        false => {
-            let movement_m = Spread::in_use(skin).movement_m;
-            let places = detector.dent_places();
-            let dents_v = progress
-                .stage("dents of touches", || dents(skin, background_s, &places, movement_m))?;
-            detector.with_dents(&dents_v)?
-        }
-    };
+    let detector = detector(fitted, noise, sheet, &monitor, settings, progress)?;
     let local = sheet.local(fitted);
     let (places, seen) = detector.places();
     let choices = Choices {
@@ -91,6 +63,29 @@ pub(super) fn source(
     #[cfg(feature = "learn")]
     let made = made.on_sheet(local);
     Ok((Box::new(made), choices))
+}
+
+/// Makes the detector, which knows how fabric gives way if its electrodes do.
+fn detector(
+    fitted: &FittedFrames,
+    noise: &VoltageNoise,
+    sheet: &Sheet,
+    monitor: &FaultMonitor,
+    settings: DetectorSettings,
+    progress: &mut Progress,
+) -> Result<TouchDetector, SkinError> {
+    let spread = Spread::in_use(&fitted.skin);
+    let sought = SoughtSkin::new(fitted, sheet, monitor, &spread)?;
+    let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
+    let model = sought.model(&std_v);
+    let detector =
+        progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
+    if !sought.is_moving() {
+        return Ok(detector);
+    }
+    let (places, background_s) = (detector.dent_places(), sought.background_s);
+    let of_dents = || dents(&fitted.skin, background_s, &places, spread.movement_m);
+    Ok(detector.with_dents(&progress.stage("dents of touches", of_dents)?)?)
 }
 
 impl Detector for SearchTouches {

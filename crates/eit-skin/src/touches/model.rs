@@ -1,13 +1,15 @@
 //! What a touch detector needs to know about a linearised skin: other effects on its voltages, and the noise.
 
+use super::background::Sheet;
 use crate::displacement;
 use crate::error::SkinError;
+use crate::faults::FaultMonitor;
 use crate::fitted::FittedFrames;
 use crate::linearised::LinearisedSkin;
 use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_fem::{Displacement, ElementOrder};
-use eit_inverse::touch::{DentPlace, UnknownKind};
+use eit_inverse::touch::{DentPlace, DetectorModel, UnknownKind};
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
 
@@ -192,10 +194,7 @@ pub(super) fn drag_at_finger(skin: &LinearisedSkin) -> f64 {
 }
 
 /// What each column of [`unknowns`] is.
-pub(super) fn electrode_kinds(
-    skin: &LinearisedSkin,
-    unknowns: usize,
-) -> Result<Vec<UnknownKind>, SkinError> {
+fn electrode_kinds(skin: &LinearisedSkin, unknowns: usize) -> Result<Vec<UnknownKind>, SkinError> {
     if unknowns == 1 {
         return Ok(vec![UnknownKind::Other]);
     }
@@ -207,4 +206,57 @@ pub(super) fn electrode_kinds(
     let centres = (0..mesh.electrodes().len()).filter_map(|e| mesh.electrode_centre_m(e));
     let kinds = moved.chain([UnknownKind::Other]).chain(centres.map(contact));
     Ok(kinds.take(unknowns).collect())
+}
+
+/// A skin as touches are sought in its frames: linearised at the sheet that explains its reference.
+pub(super) struct SoughtSkin<'a> {
+    fitted: &'a FittedFrames,
+    monitor: &'a FaultMonitor,
+    /// Conductivity of the sheet, siemens.
+    pub background_s: &'a [f64],
+    jacobian: &'a Array2<f64>,
+    model_v: Vec<f64>,
+    unknowns: Array2<f64>,
+    kinds: Vec<UnknownKind>,
+}
+
+impl<'a> SoughtSkin<'a> {
+    /// Computes the other effects on the voltages, for one standard deviation of each.
+    pub(super) fn new(
+        fitted: &'a FittedFrames,
+        sheet: &'a Sheet,
+        monitor: &'a FaultMonitor,
+        spread: &Spread,
+    ) -> Result<Self, SkinError> {
+        let (background_s, jacobian, voltages) = sheet.linearised(fitted);
+        let model_v = voltages.to_vec();
+        let skin = &fitted.skin;
+        let unknowns = unknowns(&skin.skin, background_s, spread, &mut Progress::silent())?;
+        let kinds = electrode_kinds(skin, unknowns.ncols())?;
+        Ok(Self { fitted, monitor, background_s, jacobian, model_v, unknowns, kinds })
+    }
+
+    /// Whether electrodes move, and with them the fabric: not on every kind of mesh.
+    pub(super) fn is_moving(&self) -> bool {
+        self.unknowns.ncols() > 1
+    }
+
+    /// What a detector is told, with the noise of a frame.
+    pub(super) fn model<'b>(&'b self, noise_std_v: &'b [f64]) -> DetectorModel<'b> {
+        let FittedFrames { skin, frames, .. } = self.fitted;
+        let no_frames = frames.values.slice_axis(Axis(0), (0..0).into());
+        DetectorModel {
+            surface: skin.skin.mesh.surface(),
+            jacobian: self.jacobian,
+            model_v: &self.model_v,
+            unknowns: &self.unknowns,
+            kinds: &self.kinds,
+            reference_v: &frames.reference,
+            noise_std_v,
+            quiet_v: frames.quiet.as_ref().map_or(no_frames, |quiet| quiet.values.view()),
+            used: &frames.used,
+            reciprocal: self.monitor.reciprocal(),
+            of_electrode: self.monitor.of_electrode(),
+        }
+    }
 }

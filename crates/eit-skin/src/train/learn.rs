@@ -71,10 +71,7 @@ pub fn learn<N: ImageNet>(
             let done = trainer.curve().len() * steps;
             let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
                 bar.set_position(done + step);
-                match stop.is_set() {
-                    true => ControlFlow::Break(()),
-                    false => ControlFlow::Continue(()),
-                }
+                if stop.is_set() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             })?;
             if made.is_none() {
                 break;

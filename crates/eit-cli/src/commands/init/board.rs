@@ -71,20 +71,9 @@ fn text_board(
         Some(joined) => (joined, "in several lines frames of"),
         None => (heard, "lines of"),
     };
-    let values = heard.values;
-    (found.values, found.rate_hz) = (Some(values), heard.rate_hz);
-    let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
-    let step = heard.step().map_or(String::new(), |step| format!(", smallest change {step:.2e}"));
-    found.lines.push(format!("The board prints {of_lines} {values} numbers{rate}{step}."));
-    let around = heard.stripped.iter();
-    found.lines.extend(around.map(|what| format!("Left out around the numbers: {what}.")));
-    if let Some(example) = heard.other_line.as_deref().filter(|_| heard.other_lines > 0) {
-        let (other, all) = (heard.other_lines, heard.other_lines + heard.frame_lines);
-        let warning = format!("{other} of {all} lines were not frames, such as \"{example}\"");
-        found.warnings.push(warning);
-    }
+    tell_heard(heard, of_lines, found);
     let count = heard.frames.len().max(1) as f64;
-    let mean: Vec<f64> = (0..values)
+    let mean: Vec<f64> = (0..heard.values)
         .map(|i| heard.frames.iter().map(|frame| frame[i]).sum::<f64>() / count)
         .collect();
     let (kind, mean, fitting) = fitting_values(mean, first)?;
@@ -98,6 +87,33 @@ fn text_board(
     found.correlation = Some(best.correlation);
     found.swapped = best.swapped;
     found.lines.push(format!("Best match: {}.", description(best)));
+    judge(best, first, found)?;
+    let is_rival = |next: &&FittingProtocol| {
+        next.ground == best.ground
+            && next.violates_reciprocity() == best.violates_reciprocity()
+            && best.correlation - next.correlation < CLEAR
+    };
+    Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
+}
+
+/// Tells what the board prints.
+fn tell_heard(heard: &Heard, of_lines: &str, found: &mut Found) {
+    let values = heard.values;
+    (found.values, found.rate_hz) = (Some(values), heard.rate_hz);
+    let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
+    let step = heard.step().map_or(String::new(), |step| format!(", smallest change {step:.2e}"));
+    found.lines.push(format!("The board prints {of_lines} {values} numbers{rate}{step}."));
+    let around = heard.stripped.iter();
+    found.lines.extend(around.map(|what| format!("Left out around the numbers: {what}.")));
+    if let Some(example) = heard.other_line.as_deref().filter(|_| heard.other_lines > 0) {
+        let (other, all) = (heard.other_lines, heard.other_lines + heard.frame_lines);
+        let warning = format!("{other} of {all} lines were not frames, such as \"{example}\"");
+        found.warnings.push(warning);
+    }
+}
+
+/// Tells how well the best protocol fits, and what the fabric's weave is if the contacts do not hide it.
+fn judge(best: &FittingProtocol, first: &FirstScene, found: &mut Found) -> Result<(), CliError> {
     if let Some(off) = best.off {
         found.warnings.push(format!(
             "value {} of every drive is off: without these the reciprocity error is {:.3}. The board may measure before its \
@@ -125,12 +141,7 @@ fn text_board(
             best.correlation
         ));
     }
-    let is_rival = |next: &&FittingProtocol| {
-        next.ground == best.ground
-            && next.violates_reciprocity() == best.violates_reciprocity()
-            && best.correlation - next.correlation < CLEAR
-    };
-    Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
+    Ok(())
 }
 
 /// What the values are, the voltages, and the protocols that fit them: voltages, unless another reading fits well and they do not.

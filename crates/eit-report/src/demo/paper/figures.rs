@@ -2,6 +2,7 @@
 
 use super::Shown;
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_denoise::{ImageStack, ThresholdRule};
 use eit_picture::{
     Canvas, ColorMap, FrameLabels, PictureSettings, Plot, Series, SkinDrawing, draw_plot,
@@ -174,10 +175,6 @@ impl Shown {
         Ok(draw_plot(&Plot {
             title: format!("{name}, training {}: error of each frame", training + 1),
             footnote: format!("mean squared error; seed {}", super::SEED),
-            x_label: "time (s)".to_owned(),
-            y_label: "error (S²)".to_owned(),
-            x_log: false,
-            y_log: true,
             series: vec![
                 curve("before, to the wanted image", &raw.to_rule_s2),
                 curve("after, to the wanted image", &made.to_rule_s2),
@@ -185,6 +182,7 @@ impl Shown {
                 curve("after, to the truth", &made.to_truth_s2),
             ],
             zoom: 1,
+            ..axes([("time (s)", false), ("error (S²)", true)])
         })?)
     }
 

@@ -1,5 +1,6 @@
 //! The page: the paper's figures in their order, each with what the paper shows and what comes out here.
 
+use super::super::page::beside;
 use super::figures::{self, File};
 use super::images::Imaged;
 use super::{EXPERIMENTS, SEED, Shown};
@@ -60,15 +61,6 @@ pub(super) fn page(
         ),
         sections,
     }
-}
-
-/// A picture beside the page.
-fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
-    let (name, bytes) = files.iter().find(|file| file.0 == name)?;
-    Some(match name.ends_with(".gif") {
-        true => Block::Movie { name: (*name).to_owned(), bytes: bytes.len(), caption },
-        false => Block::File { name: (*name).to_owned(), caption },
-    })
 }
 
 /// What the trainings are worth.
@@ -140,7 +132,7 @@ fn experiments(shown: &[Shown; 2], files: &[File]) -> Section {
             ),
         ];
         let pictures = figures::SHEETS[k].into_iter().zip(captions);
-        blocks.extend(pictures.filter_map(|(name, caption)| picture(files, name, caption)));
+        blocks.extend(pictures.filter_map(|(name, caption)| beside(files, name, caption)));
     }
     Section { title: "21 snapshots of each experiment (figures 3, 4 and 6)".to_owned(), blocks }
 }
@@ -171,7 +163,7 @@ fn movement(files: &[File]) -> Section {
                    move. Here: the same; without movement spots at the electrodes are faint.";
     Section {
         title: "Why there are artefacts (figure 5)".to_owned(),
-        blocks: picture(files, figures::MOVEMENT, caption.to_owned()).into_iter().collect(),
+        blocks: beside(files, figures::MOVEMENT, caption.to_owned()).into_iter().collect(),
     }
 }
 
@@ -193,7 +185,7 @@ fn learning_bases(shown: &[Shown; 2], files: &[File]) -> Section {
     );
     Section {
         title: "The learning bases (figure 8)".to_owned(),
-        blocks: picture(files, figures::BASE, caption).into_iter().collect(),
+        blocks: beside(files, figures::BASE, caption).into_iter().collect(),
     }
 }
 
@@ -213,12 +205,12 @@ fn trained(shown: &[Shown; 2], files: &[File]) -> Section {
                 100.0 * to_rule,
                 100.0 * to_truth
             );
-            blocks.extend(picture(files, images, caption));
+            blocks.extend(beside(files, images, caption));
             let caption = format!(
                 "Errors of each frame: {:.0} % are more than halved.",
                 100.0 * of.halved(made)
             );
-            blocks.extend(picture(files, errors, caption));
+            blocks.extend(beside(files, errors, caption));
         }
     }
     Section {
@@ -278,9 +270,9 @@ fn pressures(shown: &[Shown; 2], files: &[File]) -> Section {
             100.0 * errors.stated
         );
         let [sheet, movie] = figures::PRESSURE[k];
-        blocks.extend(picture(files, sheet, caption));
+        blocks.extend(beside(files, sheet, caption));
         let caption = format!("Pressure, {}: truth and found", of.experiment.name);
-        blocks.extend(picture(files, movie, caption));
+        blocks.extend(beside(files, movie, caption));
     }
     blocks.push(Block::Text(
         "The paper calls it pressure mapping. Here a dozen presses of known force teach newtons, and each force is \

@@ -2,6 +2,7 @@
 
 use super::results::ForwardResults;
 use crate::error::ReportError;
+use crate::output::axes;
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 
 /// Draws element orders and meshes, and time floors.
@@ -27,12 +28,8 @@ pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
             case.what,
             results.reference_text()
         ),
-        x_label: "time (s)".to_owned(),
-        y_label: "error".to_owned(),
-        x_log: true,
-        y_log: true,
         series,
-        zoom: 2,
+        ..axes([("time (s)", true), ("error", true)])
     })?)
 }
 

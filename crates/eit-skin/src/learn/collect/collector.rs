@@ -1,19 +1,18 @@
 //! From frames to presses at the places that are asked for.
 //!
-//! Over 300 lines because one state machine has its settings, its answers and its arithmetic here.
+//! Over 300 lines because one state machine has its settings and its answers here.
 
 use super::places::press_places;
+use super::watch::{Values, Watch, good_values};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
+use crate::frames::of_frames;
 use crate::learn::{Frame as PlaceFrame, LearnedSkin, Learning, Press, PressFrames};
 use crate::linearised::LinearisedSkin;
-use crate::press_watch::{PressState, PressWatch};
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_hw::{Frame, MeasuredFrames, Quality, Unit};
+use eit_hw::{Frame, Unit};
 use ndarray::Array2;
-use std::collections::VecDeque;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Smallest number of frames of the untouched skin, and the time that they span if the frames tell, seconds.
@@ -21,12 +20,6 @@ const UNTOUCHED_FRAMES: usize = 8;
 const UNTOUCHED_S: f64 = 2.0;
 /// Assumed frame rate if neither the instrument nor a clock tells, hertz.
 const DEFAULT_RATE_HZ: f64 = 20.0;
-/// Time before a press is noticed that is excluded from the untouched frames, because they may
-/// already show the press, seconds.
-const GUARD_S: f64 = 0.1;
-/// Fewest untouched frames before a press.
-const LEAST_BEFORE: usize = 3;
-
 /// How presses are collected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CollectSettings {
@@ -109,9 +102,6 @@ pub enum Collecting {
     Held,
 }
 
-/// Frames, or the means of some, in the instrument's unit.
-type Values = Vec<f64>;
-
 /// Collects presses frame by frame.
 ///
 /// It first takes frames of the untouched skin (two seconds). A press is collected once it has been held for
@@ -129,21 +119,6 @@ pub struct PressCollector {
     untouched: Vec<Frame>,
     watch: Option<Watch>,
     fitted: Option<FittedFrames>,
-}
-
-/// Watches for presses after the untouched skin is known.
-#[derive(Debug)]
-struct Watch {
-    watch: PressWatch,
-    window: usize,
-    guard: usize,
-    /// Last frames, `window` at most.
-    recent: VecDeque<Values>,
-    /// Last frames of the untouched skin, and the number of the one after them.
-    before: VecDeque<Values>,
-    before_end: usize,
-    /// Number of untouched frames without interruption.
-    calm: usize,
 }
 
 impl PressCollector {
@@ -281,29 +256,13 @@ impl PressCollector {
         let steps = (frames.len() - 1) as f64;
         let rate_hz = self.rate_hz.or_else(|| Some(steps / span_s(&frames)?));
         let rate_hz = rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-        let values: Vec<Values> = frames.iter().map(good_values).collect();
-        let window = ((self.settings.hold_s * rate_hz) as usize).clamp(4, 1000);
-        let guard = ((GUARD_S * rate_hz).ceil() as usize).clamp(1, window);
-        let watch = PressWatch::new(&values, window)?;
-        let shape = (frames.len(), values[0].len());
-        let measured = MeasuredFrames {
-            values: Array2::from_shape_fn(shape, |(row, i)| frames[row].values[i]),
-            quality: Array2::from_shape_fn(shape, |(row, i)| frames[row].quality[i]),
-            unit: self.unit,
-            device_time_s: None,
-            frequency_hz: None,
-            current_a: None,
-            phase_rad: None,
-        };
+        let values = frames.iter().map(good_values).collect();
+        let watch = Watch::new(values, self.settings.hold_s, rate_hz, self.frames)?;
+        let measured = of_frames(&frames, self.unit);
         let mut fitted = self.skin.fit(self.skin.skin.frames_of_quiet(measured)?)?;
         fitted.frames.rate_hz.get_or_insert(rate_hz);
         self.fitted = Some(fitted);
-        let calm = values.len();
-        let kept = calm.saturating_sub(window + guard);
-        let before = values.into_iter().skip(kept).collect();
-        let recent = VecDeque::with_capacity(window);
-        let before_end = self.frames;
-        self.watch = Some(Watch { watch, window, guard, recent, before, before_end, calm });
+        self.watch = Some(watch);
         Ok(())
     }
 
@@ -355,92 +314,6 @@ impl PressCollector {
     fn factor(&self) -> f64 {
         Skin::live_factor(&self.skin.skin, self.unit)
     }
-}
-
-impl Watch {
-    fn push(&mut self, values: Values, number: usize) -> Collecting {
-        let state = self.watch.push(&values);
-        if self.recent.len() == self.window {
-            self.recent.pop_front();
-        }
-        self.recent.push_back(values.clone());
-        match state {
-            PressState::Untouched => {
-                if self.calm == 0 {
-                    self.before.clear();
-                }
-                if self.before.len() == self.window + self.guard {
-                    self.before.pop_front();
-                }
-                self.before.push_back(values);
-                self.before_end = number + 1;
-                self.calm += 1;
-                // a press may begin with the next frame
-                match self.calm >= self.window.max(self.guard + LEAST_BEFORE) {
-                    true => Collecting::Waiting,
-                    false => Collecting::Settling,
-                }
-            }
-            state => {
-                self.calm = 0;
-                match state {
-                    PressState::Held(_) => Collecting::Collected,
-                    PressState::StillHeld => Collecting::Held,
-                    _ => Collecting::Unsteady,
-                }
-            }
-        }
-    }
-
-    /// The press that has just been held; `None` if too few untouched frames precede it.
-    fn press(&mut self, number: usize) -> Option<CollectedPress> {
-        let count = self.before.len().checked_sub(self.guard).filter(|n| *n >= LEAST_BEFORE)?;
-        let last = self.before_end - self.guard - 1;
-        let frames: Range<usize> = number + 1 - self.recent.len()..number + 1;
-        let made = CollectedPress {
-            press: Press {
-                x_m: 0.0,
-                y_m: 0.0,
-                z_m: None,
-                force_n: None,
-                depth_m: None,
-                first_frame: Some(frames.start),
-                last_frame: Some(frames.end - 1),
-                before_first: Some(last + 1 - count),
-                before_last: Some(last),
-            },
-            values: mean(self.recent.iter()),
-            reference: mean(self.before.iter().take(count)),
-        };
-        // a second press must have untouched frames of its own
-        self.before.clear();
-        Some(made)
-    }
-}
-
-/// Values of a frame, NaN where they are flagged.
-pub(super) fn good_values(frame: &Frame) -> Values {
-    let good = |(value, quality): (&f64, &Quality)| match quality.is_good() {
-        true => *value,
-        false => f64::NAN,
-    };
-    frame.values.iter().zip(&frame.quality).map(good).collect()
-}
-
-/// Mean of the good values; NaN if there is none.
-pub(super) fn mean<'a>(frames: impl Iterator<Item = &'a Values>) -> Values {
-    let (mut sums, mut counts): (Values, Vec<f64>) = (Vec::new(), Vec::new());
-    for frame in frames {
-        sums.resize(frame.len(), 0.0);
-        counts.resize(frame.len(), 0.0);
-        for ((sum, count), value) in sums.iter_mut().zip(&mut counts).zip(frame) {
-            if value.is_finite() {
-                *sum += value;
-                *count += 1.0;
-            }
-        }
-    }
-    sums.iter().zip(counts).map(|(sum, count)| sum / count).collect()
 }
 
 /// Time from the first to the last frame, seconds, if their clocks tell.

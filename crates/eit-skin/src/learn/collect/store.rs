@@ -1,6 +1,7 @@
 //! Stores presses as they are made: a crash-safe recording of all frames, and the table of presses.
 
-use super::collector::{CollectedPress, mean};
+use super::collector::CollectedPress;
+use super::watch::{good_values, mean};
 use crate::error::SkinError;
 use crate::learn::{Press, PressTable};
 use crate::scene::read_file_of;
@@ -201,7 +202,7 @@ fn read_presses(
         for ((pressed, before), [of_press, of_before]) in ranges.iter().zip(&mut taken) {
             for (range, values) in [(pressed, of_press), (before, of_before)] {
                 if range.contains(&frames) {
-                    values.push(super::collector::good_values(&frame));
+                    values.push(good_values(&frame));
                 }
             }
         }
