@@ -21,7 +21,7 @@ pub use decoded::{Decoded, RawFrame};
 pub use eits1::Eits1;
 pub use interface::{Driver, identify};
 pub use queue::Overflow;
-pub use replay::{Pace, Replay};
+pub use replay::{Replay, pace::Pace};
 pub use sciospec::{Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings};
 pub use session::{Backoff, Session, SessionSettings};
 pub use setup::{Identity, Limits, Setup};

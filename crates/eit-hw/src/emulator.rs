@@ -12,6 +12,7 @@ mod eits1;
 mod fault;
 mod line;
 mod port;
+mod running;
 mod sciospec;
 
 pub use boards::BoardDevice;
@@ -27,17 +28,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use self::fault::Faults;
-use self::line::Line;
 use self::port::Host;
+use self::running::Running;
 use crate::error::HwError;
 use crate::transport::Endpoint;
-
-/// Maximum number of bytes waiting for a host that does not read; more are lost, as on a line
-/// without flow control.
-const MOST_PENDING: usize = 1 << 20;
-
-/// Size of a device's transmit buffer on a slow line.
-const TRANSMIT_BUFFER: usize = 1024;
 
 /// Counts kept by an emulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,6 +46,7 @@ pub struct EmulatorStatistics {
     pub faults: u64,
 }
 
+/// The counts as its thread keeps them.
 #[derive(Debug, Default)]
 struct Counters {
     sent: AtomicU64,
@@ -100,7 +95,7 @@ impl Emulator {
         let (stop, count) = (Arc::clone(&quit), Arc::clone(&counters));
         let thread = std::thread::Builder::new()
             .name("eit-emulator".into())
-            .spawn(move || run(device, host, Faults::new(faults), &stop, &count))
+            .spawn(move || Running::new(device, host, Faults::new(faults)).run(&stop, &count))
             .map_err(|source| HwError::Open {
                 endpoint: endpoint.to_string(),
                 source,
@@ -162,81 +157,5 @@ impl Emulator {
 impl Drop for Emulator {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-fn run(
-    mut device: Box<dyn Device>,
-    mut host: Host,
-    mut faults: Faults,
-    quit: &AtomicBool,
-    counters: &Counters,
-) {
-    let start = Instant::now();
-    let mut pending: Vec<u8> = Vec::new();
-    let (mut out, mut buffer) = (Vec::new(), [0; 4096]);
-    let mut silent_until = Duration::ZERO;
-    let (mut to_device, mut to_host) =
-        (Line::new(faults.line_baud()), Line::new(faults.line_baud()));
-    let mut arrived = Vec::new();
-    while !quit.load(Ordering::Relaxed) {
-        out.clear();
-        let received = host.read(&mut buffer);
-        let wrong_rate =
-            faults.line_baud().zip(host.baud()).is_some_and(|(one, other)| one != other);
-        counters.received.fetch_add(received as u64, Ordering::Relaxed);
-        let now = start.elapsed();
-        if wrong_rate {
-            faults.garble(&mut buffer[..received]);
-        }
-        to_device.push(&buffer[..received], now);
-        arrived.clear();
-        to_device.arrived(now, &mut arrived);
-        if !arrived.is_empty() {
-            device.receive(&arrived, now, &mut out);
-        }
-        // a device waits while its line is busy
-        if faults.line_baud().is_none() || to_host.waiting() < TRANSMIT_BUFFER {
-            device.poll(now, &mut out);
-        }
-        let effect = faults.damage(&mut out);
-        counters.faults.fetch_add(effect.faults, Ordering::Relaxed);
-        // bytes sent while no host is connected are lost
-        if host.is_open() && pending.len() + to_host.waiting() < MOST_PENDING {
-            to_host.push(&out, now);
-        }
-        let before = pending.len();
-        to_host.arrived(now, &mut pending);
-        if wrong_rate {
-            faults.garble(&mut pending[before..]);
-        }
-        if let Some(pause) = effect.pause {
-            silent_until = now + pause;
-        }
-        if effect.unplug {
-            pending.clear();
-            to_device.clear();
-            to_host.clear();
-            host.unplug();
-            device.power_cycle();
-            sleep(faults.unplugged(), quit);
-            host.plug();
-        }
-        if now >= silent_until && !pending.is_empty() {
-            let sent = host.write(&pending);
-            counters.sent.fetch_add(sent as u64, Ordering::Relaxed);
-            pending.drain(..sent);
-        }
-        if !host.is_open() {
-            pending.clear();
-            to_host.clear();
-        }
-    }
-}
-
-fn sleep(time: Duration, quit: &AtomicBool) {
-    let start = Instant::now();
-    while start.elapsed() < time && !quit.load(Ordering::Relaxed) {
-        std::thread::sleep(Duration::from_millis(2));
     }
 }

@@ -27,7 +27,7 @@ pub use serial_log::SerialLogOptions;
 use std::path::Path;
 
 use self::files::file_bytes;
-use crate::error::{HwError, Place};
+use crate::error::{HwError, Place, shortened};
 use crate::recording::{Format, FrameOrientation, Recording};
 
 /// First bytes of an MCAP file.
@@ -169,4 +169,15 @@ pub fn parse_recording(
         #[cfg(not(feature = "mcap"))]
         Format::Mcap => Err(HwError::Unsupported { place: Place::file(path), format: "mcap" }),
     }
+}
+
+/// The error of a field of a file, whose text is shortened.
+fn wrong_field(
+    place: Place,
+    field: &'static str,
+    text: &str,
+    wanted: &'static str,
+    mend: &'static str,
+) -> HwError {
+    HwError::Field { place, field, text: shortened(text), wanted, mend }
 }

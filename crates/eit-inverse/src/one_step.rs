@@ -24,5 +24,5 @@ pub use hyperparameter::{
 pub use reconstructor::{Reconstructor, Workspace};
 pub use report::OneStepReport;
 pub use settings::OneStepSettings;
-pub(crate) use spectrum::Spectrum;
+pub(crate) use spectrum::{Spectrum, gram};
 pub(crate) use whitened::{covariance_times, weighted_rows};

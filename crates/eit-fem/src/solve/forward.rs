@@ -26,8 +26,7 @@ impl ForwardModel {
         conductivity_s: &[f64],
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, FemError> {
-        check_conductivity(self.elements(), conductivity_s)?;
-        Solution::new(self, &self.geometry, conductivity_s, workspace, None)
+        self.solve_deformed(&self.geometry, conductivity_s, workspace)
     }
 
     /// Solves to a required accuracy of the voltages, relative to the largest voltage.
@@ -54,9 +53,7 @@ impl ForwardModel {
         required_accuracy: f64,
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, FemError> {
-        check_conductivity(self.elements(), conductivity_s)?;
-        check_accuracy(required_accuracy)?;
-        Solution::new(self, &self.geometry, conductivity_s, workspace, Some(required_accuracy))
+        self.solve_deformed_to(&self.geometry, conductivity_s, required_accuracy, workspace)
     }
 
     /// Returns the voltages in protocol order for one conductivity per element. Allocates a

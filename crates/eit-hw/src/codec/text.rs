@@ -5,13 +5,14 @@
 //! lost within a line, or the loss of exactly one frame's lines.
 
 mod decoder;
+mod event;
 mod format;
 pub(crate) mod line;
 mod number;
 mod preset;
 
 pub(crate) use decoder::PAUSES;
-pub use decoder::{Decoder, Event, Fault};
 pub(crate) use format::MAX_VALUES;
 pub use format::{Framing, MAX_LINE_BYTES, TextFormat};
 pub use number::Number;
+pub use {decoder::Decoder, event::Event, event::Fault};

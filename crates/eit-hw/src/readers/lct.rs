@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use super::text;
+use super::{text, wrong_field};
 use crate::error::{HwError, Place, shortened};
 use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 
@@ -142,6 +142,5 @@ fn field(
     text: &str,
     wanted: &'static str,
 ) -> HwError {
-    let place = Place::line(path, line);
-    HwError::Field { place, field, text: shortened(text), wanted, mend: MEND }
+    wrong_field(Place::line(path, line), field, text, wanted, MEND)
 }

@@ -14,6 +14,7 @@ pub(super) use self::header::Header;
 use super::array::Array;
 use super::files::file_bytes;
 use super::number::Numbers;
+use super::wrong_field;
 use crate::error::{HwError, Place};
 use crate::recording::Format;
 
@@ -61,13 +62,7 @@ pub fn read_array(path: impl AsRef<Path>) -> Result<ArrayD<f64>, HwError> {
     let bytes = file_bytes(path, Format::Npy.name())?;
     let Array { shape, fortran, real, imaginary } = parse(&bytes, path)?;
     if imaginary.is_some() {
-        return Err(HwError::Field {
-            place: Place::file(path),
-            field: "type",
-            text: "complex".into(),
-            wanted: "real numbers",
-            mend: MEND,
-        });
+        return Err(wrong_field(Place::file(path), "type", "complex", "real numbers", MEND));
     }
     let shape = IxDyn(&shape).set_f(fortran);
     let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };

@@ -14,7 +14,8 @@ use std::mem::take;
 use std::path::Path;
 
 use super::files::{file_bytes, file_names, missing_numbers};
-use crate::error::{HwError, Place, shortened};
+use super::wrong_field;
+use crate::error::{HwError, Place};
 use crate::recording::{Contents, Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
@@ -75,13 +76,15 @@ fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
         };
         let base = stem.trim_end_matches(|character: char| character.is_ascii_digit());
         let Ok(number) = stem[base.len()..].parse() else {
-            return Err(HwError::Field {
-                place: Place::file(&folder.join(&name)),
-                field: "file name",
-                text: shortened(&name),
-                wanted: "a frame number before `.eit`",
-                mend: "rename or remove the file",
-            });
+            let (place, wanted) =
+                (Place::file(&folder.join(&name)), "a frame number before `.eit`");
+            return Err(wrong_field(
+                place,
+                "file name",
+                &name,
+                wanted,
+                "rename or remove the file",
+            ));
         };
         match &recording {
             Some(one) if one != base => {

@@ -220,27 +220,36 @@ pub enum Note {
     },
 }
 
+impl Note {
+    /// Writes what is damaged; nothing for other notes.
+    fn fmt_damage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let &Self::Damaged {
+            chunks,
+            mended,
+            messages,
+            skipped_bytes,
+            truncated_bytes,
+            missing_parts,
+        } = self
+        else {
+            return Ok(());
+        };
+        if missing_parts > 0 {
+            write!(f, "{missing_parts} part(s) of the recording are missing; ")?;
+        }
+        write!(
+            f,
+            "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes \
+             skipped, {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the \
+             end; `eit convert --recover` writes an intact file"
+        )
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Damaged {
-                chunks,
-                mended,
-                messages,
-                skipped_bytes,
-                truncated_bytes,
-                missing_parts,
-            } => {
-                if *missing_parts > 0 {
-                    write!(f, "{missing_parts} part(s) of the recording are missing; ")?;
-                }
-                write!(
-                    f,
-                    "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes \
-                     skipped, {mended} chunk(s) repaired, {truncated_bytes} bytes incomplete at the \
-                     end; `eit convert --recover` writes an intact file"
-                )
-            }
+            Self::Damaged { .. } => self.fmt_damage(f),
             Self::MissingValues { values, frame, value } => write!(
                 f,
                 "{values} value(s) missing (NaN or infinite); the first is value {value} of frame {frame} \

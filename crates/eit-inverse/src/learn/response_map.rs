@@ -13,13 +13,21 @@
 //! common factors and toward a prior; its size is the median, and the degrees of freedom of a t distribution tell how
 //! much presses differ from it.
 
-use super::covariance::{Covariance, shrunk};
+mod error;
+mod left_out;
+
+pub(crate) use left_out::folds;
+pub(super) use left_out::unit_rows;
+
+use super::covariance::Covariance;
 use super::linear::product;
 use super::presses::{ModelResponses, Presses};
 use super::process::{GainSums, Kernel, Process};
 use crate::InverseError;
 use crate::check::{check_length, check_positive, check_range};
 use crate::geometry::distance_m;
+use error::error;
+use left_out::{Data, LeftOut};
 use ndarray::{Array1, Array2, ArrayRef2, Axis};
 
 /// Fewest presses to learn from.
@@ -33,9 +41,6 @@ const LEAST_SCALE: f64 = 0.05;
 /// Largest change of a channel, in its scale, unless two presses have changed it more: a single outlying value must not
 /// decide a place.
 const CLIP: f64 = 8.0;
-/// Largest squared ratio of the typical press to another one.
-const WEAKEST: f64 = 10.0;
-
 /// Kernel lengths, as fractions of the skin's radius; noises; whether weak presses are noisier; pulls of the gains.
 const LENGTHS: [f64; 4] = [0.25, 0.35, 0.5, 0.8];
 const NOISES: [f64; 3] = [0.03, 0.1, 0.3];
@@ -43,22 +48,8 @@ const WEAK: [f64; 2] = [0.0, 1.0];
 const PULLS: [Option<f64>; 4] = [Some(0.1), Some(1.0), Some(10.0), None];
 /// Fewest presses from which responses are learnt without the model.
 const WITHOUT_MODEL: usize = 8;
-/// Most folds of the cross-validation, and presses by which settings are chosen: more do not change the choice.
-const FOLDS: usize = 10;
+/// Most presses by which settings are chosen: more do not change the choice.
 const CHOOSING: usize = 300;
-
-/// Ranges of the refitted lengths, and of the strength of a press that was left out.
-const LENGTH_RANGE: [f64; 2] = [0.3, 1.5];
-const STRENGTH_RANGE: [f64; 2] = [0.3, 3.0];
-
-/// Weight of the prior of `S`, in presses, and its squared error relative to a response: the model with a gain per
-/// channel explains 0.55 of a press on `hydrogel_superpose500`. Half of the prior is like other responses (a wrong
-/// place, width, depth), half changes of single channels.
-const PRIOR_PRESSES: f64 = 10.0;
-const PRIOR_ERROR: f64 = 0.8;
-/// Spread of the logarithm of a press's squared error in the prior, squared.
-const PRIOR_SPREAD: f64 = 0.25;
-const FREEDOM: [f64; 2] = [4.0, 100.0];
 
 /// Settings of a [`ResponseMap`], chosen by [`ResponseMap::choose`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,6 +67,7 @@ pub struct MapSettings {
 }
 
 impl MapSettings {
+    /// Rejects settings out of range.
     fn validate(&self) -> Result<(), InverseError> {
         check_positive("length_m", self.length_m)?;
         check_positive("noise", self.noise)?;
@@ -83,6 +75,7 @@ impl MapSettings {
         check_range("weak", self.weak, (0.0..=1.0).contains(&self.weak), "from 0 to 1")
     }
 
+    /// Kernel of the process.
     fn kernel(&self) -> Kernel {
         Kernel { length_m: self.length_m, noise: self.noise, weak: self.weak }
     }
@@ -120,127 +113,7 @@ pub struct ResponseMap {
     of_model: Array2<f64>,
 }
 
-/// Presses of length about 1, and the model's responses of length 1.
-#[derive(Debug, Clone)]
-struct Data {
-    shapes: Array2<f64>,
-    model: Array2<f64>,
-    model_at_places: Array2<f64>,
-    relative2: Vec<f64>,
-}
-
-/// What presses that are left out are predicted to be, and the variance of that.
-struct LeftOut {
-    predicted: Array2<f64>,
-    variance: Vec<f64>,
-}
-
-/// Scales rows to length 1, leaving rows of zeros unchanged, and returns their lengths.
-pub(super) fn unit_rows(rows: &ArrayRef2<f64>) -> (Array2<f64>, Vec<f64>) {
-    let lengths: Vec<f64> = rows.rows().into_iter().map(|row| row.dot(&row).sqrt()).collect();
-    let mut unit = rows.to_owned();
-    for (mut row, length) in unit.rows_mut().into_iter().zip(&lengths) {
-        row /= length.max(f64::MIN_POSITIVE);
-    }
-    (unit, lengths)
-}
-
-/// Scale of each channel: its median change, toward its share of the level while presses are few.
-fn scales(changes: &ArrayRef2<f64>, levels: &[f64]) -> Vec<f64> {
-    let presses = changes.nrows() as f64;
-    let median = |values: &mut dyn Iterator<Item = f64>| eit_core::median(values).unwrap_or(0.0);
-    let medians: Vec<f64> = changes
-        .columns()
-        .into_iter()
-        .map(|column| median(&mut column.iter().map(|v| v.abs())))
-        .collect();
-    let typical = median(&mut medians.iter().copied()).max(f64::MIN_POSITIVE);
-    let level = median(&mut levels.iter().map(|v| v.abs())).max(f64::MIN_POSITIVE);
-    let scale = |(change, of_level): (&f64, &f64)| {
-        let share = typical * of_level.abs() / level;
-        let squares = presses * change * change + LEVEL_PRESSES * share * share;
-        (squares / (presses + LEVEL_PRESSES)).sqrt() + LEAST_SCALE * typical
-    };
-    medians.iter().zip(levels).map(scale).collect()
-}
-
-impl Data {
-    fn new(changes: &Array2<f64>, scale: &[f64], unit: f64, model: &ModelResponses) -> Self {
-        let scale = Array1::from_iter(scale.iter().copied());
-        let (shapes, lengths) = unit_rows(changes);
-        let relative2 = lengths.iter().map(|length| (unit / length).powi(2).min(WEAKEST));
-        Self {
-            shapes,
-            model: unit_rows(&(&model.at_presses / &scale)).0,
-            model_at_places: unit_rows(&(&model.at_candidates / &scale)).0,
-            relative2: relative2.collect(),
-        }
-    }
-
-    fn select(&self, which: &[usize]) -> Self {
-        Self {
-            shapes: self.shapes.select(Axis(0), which),
-            model: self.model.select(Axis(0), which),
-            model_at_places: Array2::zeros((0, self.model.ncols())),
-            relative2: which.iter().map(|&k| self.relative2[k]).collect(),
-        }
-    }
-
-    /// Predicts every press from those of the other folds.
-    fn left_out(&self, process: &Process, pull: Option<f64>) -> Result<LeftOut, InverseError> {
-        let presses = self.shapes.nrows();
-        let [of_shapes, of_model] =
-            [&self.shapes, &self.model].map(|rows| product(&process.inverse, rows));
-        let sums = GainSums::new(&self.shapes, &self.model);
-        let (mut predicted, mut variance) = (self.shapes.clone(), vec![0.0; presses]);
-        for fold in folds(presses, presses) {
-            let gains = sums.without(&self.shapes, &self.model, &fold, pull);
-            let own = process.left_out(&fold)?;
-            let weights =
-                of_shapes.select(Axis(0), &fold) - &(of_model.select(Axis(0), &fold) * &gains);
-            let rest = own.dot(&weights);
-            for ((row, &press), left) in rest.rows().into_iter().zip(&fold).zip(own.diag()) {
-                let mut predicted = predicted.row_mut(press);
-                predicted -= &row;
-                variance[press] = *left;
-            }
-        }
-        Ok(LeftOut { predicted, variance })
-    }
-
-    /// Refits the lengths of the presses to what the others predict.
-    fn refit_lengths(&mut self, left: &LeftOut) {
-        let ratios = self.shapes.rows().into_iter().zip(left.predicted.rows());
-        let [low, high] = LENGTH_RANGE;
-        let ratios = ratios.map(|(u, p)| (u.dot(&p) / u.dot(&u)).clamp(low, high));
-        let mut ratios: Array1<f64> = ratios.collect();
-        ratios /= ratios.mapv(f64::ln).mean().unwrap_or(0.0).exp();
-        self.shapes *= &ratios.insert_axis(Axis(1));
-    }
-}
-
-impl LeftOut {
-    /// Predictive log likelihood with a variance per channel, up to a constant.
-    fn score(&self, shapes: &Array2<f64>) -> f64 {
-        let (presses, channels) = shapes.dim();
-        let mut squares = (shapes - &self.predicted).mapv(|v| v * v);
-        squares /= &Array1::from_iter(self.variance.iter().copied()).insert_axis(Axis(1));
-        let of_channel = squares.sum_axis(Axis(0)) / presses as f64;
-        let mean = of_channel.mean().unwrap_or(0.0);
-        let channel_ln: f64 = of_channel.iter().map(|v| (v + 1e-3 * mean).ln()).sum();
-        let variance_ln: f64 = self.variance.iter().map(|v| v.ln()).sum();
-        -0.5 * (presses as f64 * channel_ln + channels as f64 * variance_ln)
-    }
-}
-
-/// Some of the presses, evenly chosen in order of time and dealt to at most ten folds.
-pub(crate) fn folds(presses: usize, most: usize) -> Vec<Vec<usize>> {
-    let held = presses.min(most);
-    let count = held.min(FOLDS);
-    let all: Vec<usize> = (0..held).map(|k| k * presses / held.max(1)).collect();
-    (0..count).map(|fold| all.iter().skip(fold).step_by(count).copied().collect()).collect()
-}
-
+/// Rejects presses that are too few, at one place or not of this model.
 fn check(presses: &Presses, levels: &[f64], model: &ModelResponses) -> Result<(), InverseError> {
     presses.validate(LEAST_PRESSES)?;
     model.validate(presses)?;
@@ -256,7 +129,22 @@ fn check(presses: &Presses, levels: &[f64], model: &ModelResponses) -> Result<()
 impl ResponseMap {
     /// Returns the scale of each channel: its median change, toward its share of the level while presses are few.
     pub fn scales(changes: &ArrayRef2<f64>, levels: &[f64]) -> Vec<f64> {
-        scales(changes, levels)
+        let presses = changes.nrows() as f64;
+        let median =
+            |values: &mut dyn Iterator<Item = f64>| eit_core::median(values).unwrap_or(0.0);
+        let medians: Vec<f64> = changes
+            .columns()
+            .into_iter()
+            .map(|column| median(&mut column.iter().map(|v| v.abs())))
+            .collect();
+        let typical = median(&mut medians.iter().copied()).max(f64::MIN_POSITIVE);
+        let level = median(&mut levels.iter().map(|v| v.abs())).max(f64::MIN_POSITIVE);
+        let scale = |(change, of_level): (&f64, &f64)| {
+            let share = typical * of_level.abs() / level;
+            let squares = presses * change * change + LEVEL_PRESSES * share * share;
+            (squares / (presses + LEVEL_PRESSES)).sqrt() + LEAST_SCALE * typical
+        };
+        medians.iter().zip(levels).map(scale).collect()
     }
 
     /// Learns a map from presses on a skin of a radius, with the settings that predict left-out presses best. `levels` are
@@ -272,8 +160,7 @@ impl ResponseMap {
     ) -> Result<Self, InverseError> {
         check(presses, levels, model)?;
         let Scaled { changes, scale, unit, .. } = scaled(&presses.frames, levels);
-        let which: Vec<usize> = folds(presses.places_m.len(), CHOOSING).concat();
-        let mut which = which;
+        let mut which: Vec<usize> = folds(presses.places_m.len(), CHOOSING).concat();
         which.sort_unstable();
         let few = presses.select(&which);
         let mut data = Data::new(&changes, &scale, unit, model).select(&which);
@@ -378,8 +265,9 @@ struct Scaled {
     unit: f64,
 }
 
+/// Scales presses.
 fn scaled(frames: &Array2<f64>, levels: &[f64]) -> Scaled {
-    let scale = scales(frames, levels);
+    let scale = ResponseMap::scales(frames, levels);
     let mut changes = frames / &Array1::from_iter(scale.iter().copied());
     let mut most = Vec::with_capacity(scale.len());
     for mut column in changes.columns_mut() {
@@ -394,65 +282,4 @@ fn scaled(frames: &Array2<f64>, levels: &[f64]) -> Scaled {
     let lengths = changes.rows().into_iter().map(|row| row.dot(&row).sqrt());
     let unit = eit_core::median(lengths).unwrap_or(1.0).max(f64::MIN_POSITIVE);
     Scaled { changes, scale, most, unit }
-}
-
-/// Prior covariance of the errors of responses.
-fn prior(responses: &Array2<f64>, variance: &Array1<f64>) -> Covariance {
-    let squares = responses.mapv(|v| v * v).mean_axis(Axis(0)).unwrap_or_default();
-    let whole = PRIOR_ERROR * squares.sum();
-    let single = &squares + 0.3 * squares.mean().unwrap_or(0.0);
-    let part = 0.5 * whole / variance.mean().unwrap_or(1.0);
-    let own = &single * (part / single.sum());
-    let alike = responses.t().dot(responses);
-    let trace = alike.diag().sum().max(f64::MIN_POSITIVE);
-    let all = alike * (part / trace) + Array2::from_diag(&own);
-    Covariance { all, own }
-}
-
-/// Covariance of what is left of presses that were left out, and its degrees of freedom.
-fn error(
-    shapes: &Array2<f64>,
-    left: &LeftOut,
-    responses: &Array2<f64>,
-    variance: &Array1<f64>,
-) -> Result<(Covariance, f64), InverseError> {
-    let (presses, channels) = shapes.dim();
-    let mut rest = shapes.clone();
-    let predicted = left.predicted.rows().into_iter().zip(&left.variance);
-    for (mut row, (predicted, variance)) in rest.rows_mut().into_iter().zip(predicted) {
-        let square = predicted.dot(&predicted).max(1e-12);
-        let strength = (row.dot(&predicted) / square).clamp(STRENGTH_RANGE[0], STRENGTH_RANGE[1]);
-        let one_less = presses as f64 / (presses.max(2) - 1) as f64;
-        row.zip_mut_with(&predicted, |u, p| {
-            *u = (*u / strength - p) * (one_less / variance).sqrt()
-        });
-    }
-    // the same weight for each: outlying presses
-    let (unit, sizes) = unit_rows(&rest);
-    let size = (sizes.iter().map(|s| s * s).sum::<f64>() / presses as f64).sqrt();
-    let alike = unit * size;
-    let prior = prior(responses, variance);
-    let prior = Some((&prior, PRIOR_PRESSES));
-    let covariance = shrunk(&alike, prior)?;
-    // sizes of the presses by a covariance of the others
-    let mut ratios = vec![0.0; presses];
-    for fold in 0..presses.min(5) {
-        let (held, others): (Vec<usize>, Vec<usize>) = (0..presses).partition(|k| k % 5 == fold);
-        let others = shrunk(&alike.select(Axis(0), &others), prior)?;
-        let whitening = super::linear::inverse_of_factor(&others.all, "covariance of presses")?;
-        let white = rest.select(Axis(0), &held).dot(&whitening.t());
-        for (row, &press) in white.rows().into_iter().zip(&held) {
-            ratios[press] = row.dot(&row) / channels as f64;
-        }
-    }
-    let (k, w) = (presses as f64, PRIOR_PRESSES);
-    let median = eit_core::median(ratios.iter().copied()).unwrap_or(1.0);
-    let logarithms: Vec<f64> = ratios.iter().map(|q| q.max(1e-12).ln()).collect();
-    let mean = logarithms.iter().sum::<f64>() / k;
-    let spread = logarithms.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / k;
-    let spread = (k * spread + w * PRIOR_SPREAD) / (k + w);
-    // the logarithm of such a ratio has the variance 2 / freedom + 2 / channels
-    let of_freedom = (spread - 2.0 / channels as f64).max(1e-3);
-    let freedom = (2.0 / of_freedom).clamp(FREEDOM[0], FREEDOM[1]);
-    Ok((covariance.scaled((k * median + w) / (k + w)), freedom))
 }

@@ -28,6 +28,24 @@ pub(crate) struct Spectrum {
     pub(crate) scale: f64,
 }
 
+/// Computes the lower triangle of `J P J'` from `J P` and `J`.
+pub(crate) fn gram(covariance: MatRef<'_, f64>, jacobian: MatRef<'_, f64>) -> Mat<f64> {
+    let used = jacobian.nrows();
+    let mut gram = Mat::zeros(used, used);
+    triangular::matmul(
+        gram.as_mut(),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        covariance,
+        BlockStructure::Rectangular,
+        jacobian.transpose(),
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    gram
+}
+
 impl Spectrum {
     /// Computes the spectrum from the weighted Jacobian and its product with the covariance, both
     /// `[measurement, element]`.
@@ -37,18 +55,7 @@ impl Spectrum {
         prior: &'static str,
     ) -> Result<Self, InverseError> {
         let m = weighted_jacobian.nrows();
-        let mut gram = Mat::zeros(m, m);
-        triangular::matmul(
-            gram.as_mut(),
-            BlockStructure::TriangularLower,
-            Accum::Replace,
-            covariance_times,
-            BlockStructure::Rectangular,
-            weighted_jacobian.transpose(),
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
+        let gram = gram(covariance_times, weighted_jacobian);
         let largest = (0..m).map(|i| gram[(i, i)]).fold(0.0, f64::max);
         if let Some(pivot) = (0..m).find(|&i| !gram[(i, i)].is_finite()) {
             return Err(InverseError::BadCovariance { prior, pivot });

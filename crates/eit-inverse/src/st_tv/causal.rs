@@ -1,7 +1,7 @@
 //! Causal stream: all events of a running instrument, around the solution of one frame.
-//!
-//! Over 400 lines because all events act on one image and its unit.
 
+mod anchor;
+mod data;
 mod frame;
 mod frames;
 mod proof;
@@ -11,22 +11,14 @@ use super::StTv;
 use super::data::{Seen, Target};
 use super::lanes::{LANES, Lane};
 use super::problem::{Anchor, Problem};
-use super::quiet::quiet_threshold;
 use super::settings::{Fidelity, StTvSettings, Weights};
-use super::units::{Units, radius};
+use super::units::Units;
 use crate::check::{check_length, check_range};
 use crate::{Certificate, InverseError, SequenceStatus};
 use frames::Frames;
 pub use settings::{CausalDual, CausalSettings, CausalStep};
 use std::slice::from_ref;
 use std::time::Instant;
-
-/// A frame larger than the unit of the data by this factor sets a new unit.
-const OUTGROWN: f64 = 1e4;
-/// Number of consecutive frames of pure noise after which the skin counts as at rest.
-const REST_AFTER: usize = 8;
-/// Number of frames between two complete computations of `V' x^`.
-const RENEW: usize = 256;
 
 /// Total variation of single frames, each linked to the previously reported image, without lag.
 ///
@@ -293,86 +285,6 @@ impl CausalStream {
         Units::new(&self.solver, weights(&self.solver, &self.settings), self.one())
     }
 
-    /// Returns the squared radius of the data constraint in the coordinates of the frame; `None` for
-    /// penalised data.
-    fn ball(&self) -> Option<f64> {
-        let is_constrained = self.solver.settings.fidelity != Fidelity::Penalised;
-        is_constrained.then(|| (self.delta.powi(2) - self.target.rest_squared).max(0.0))
-    }
-
-    /// Transforms the data of a frame to internal units; may change the unit.
-    fn take(&mut self, dv: &[f64]) -> Result<(), InverseError> {
-        let compression = &self.solver.compression;
-        for (i, value) in self.whitened.iter_mut().enumerate() {
-            // masked values may be NaN
-            *value = if self.seen.good[i] { compression.root_weights[i] * dv[i] } else { 0.0 };
-        }
-        let one = self.one();
-        self.seen.take(compression, &self.whitened, one, &mut self.target);
-        let (along, settings) = (self.target.square().sqrt() * one, &self.solver.settings);
-        let norms = [self.target.rest_squared.sqrt() * one, along];
-        let place = (self.pushed, self.seen.count);
-        let delta = radius(&self.solver, settings.fidelity, place, norms)?;
-        self.delta = delta.map_or(0.0, |delta| delta / one);
-        let noise = settings.noise_std.as_ref().map_or(0.0, |_| (self.seen.count as f64).sqrt());
-        let nearest = settings.nearest_zero_s().abs();
-        let size = along.max(noise).max(nearest * self.solver.unit);
-        let must = "below 1e150 in units of the noise";
-        check_range("norm of the data", size, size.is_finite(), must)?;
-        if size > 0.0 && (self.scale == 0.0 || size > OUTGROWN * self.scale) {
-            let grown = size / one;
-            self.scale = size;
-            self.delta /= grown;
-            self.target.divide(grown);
-            self.frames.grow(grown, self.solver.settings.fidelity == Fidelity::Penalised);
-            self.set_anchor();
-        }
-        Ok(())
-    }
-
-    /// Computes the anchor and its coefficients from the image.
-    fn set_anchor(&mut self) {
-        let per_image = self.units().image;
-        for (&cell, x) in self.solver.skin.operators.places.cells.iter().zip(&self.image) {
-            self.anchor[cell] = x * per_image;
-        }
-        self.renew_coefficients();
-        self.frames.renew_map();
-    }
-
-    fn renew_coefficients(&mut self) {
-        let exact = &self.solver.skin.operators;
-        exact.analyse(&self.anchor, exact.padded, &mut self.sums, &mut self.coefficients);
-    }
-
-    /// Computes the innovation `t - F' V' x^`.
-    fn innovate(&mut self) {
-        let rank = self.solver.rank();
-        self.seen.apply(&self.coefficients[..rank], &mut self.beta[..rank]);
-        let rows = self.beta.iter_mut().zip(&self.target.values).take(self.seen.rows);
-        rows.for_each(|(beta, t)| *beta = t - *beta);
-    }
-
-    /// Returns whether the skin is at rest; counts quiet frames.
-    fn is_quiet(&mut self) -> bool {
-        let settings = &self.solver.settings;
-        let is_zero = self.image.iter().all(|x| *x == 0.0);
-        let threshold = match settings.noise_std {
-            Some(_) => quiet_threshold(self.seen.count as f64),
-            None => 0.0,
-        };
-        let is_noise = self.square() <= threshold;
-        self.quiet_frames = if is_noise { self.quiet_frames + 1 } else { 0 };
-        let zero_allowed = settings.nearest_zero_s() == 0.0;
-        let is_long = !self.is_linked() || self.quiet_frames >= REST_AFTER;
-        is_noise && zero_allowed && (is_zero || is_long)
-    }
-
-    /// Returns the squared norm of the data.
-    fn square(&self) -> f64 {
-        (self.target.square() + self.target.rest_squared) * self.one() * self.one()
-    }
-
     /// Returns the zero image of a skin at rest.
     fn rest(&mut self, start: Instant) -> CausalStep<'_> {
         self.frames.clear_result();
@@ -398,32 +310,6 @@ impl CausalStream {
             in_double: false,
             seconds: start.elapsed().as_secs_f64(),
         }
-    }
-
-    /// Makes the new image the anchor.
-    fn report(&mut self, status: SequenceStatus) {
-        // without a feasible image, for example after a deadline, the previous image is held
-        let record = &self.frames.record;
-        if !record.primal.is_finite() {
-            return;
-        }
-        let per_image = self.units().image;
-        let [lower, upper] = self.solver.settings.bounds_s();
-        let exact = &self.solver.skin.operators;
-        for (&cell, out) in exact.places.cells.iter().zip(&mut self.image) {
-            let d = record.change[cell];
-            if d != 0.0 {
-                self.anchor[cell] += d;
-                // clip again, so that bounds hold exactly after scaling
-                *out = (self.anchor[cell] / per_image).clamp(lower, upper);
-            }
-        }
-        if self.pushed.is_multiple_of(RENEW) || status != SequenceStatus::Converged {
-            return self.renew_coefficients();
-        }
-        exact.analyse(&record.change, exact.padded, &mut self.sums, &mut self.moved);
-        let changes = self.coefficients.iter_mut().zip(&self.moved);
-        changes.for_each(|(c, d)| *c += d);
     }
 }
 

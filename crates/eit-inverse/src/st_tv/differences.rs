@@ -3,8 +3,6 @@
 //! A raster keeps its grid, with padding around it, so that neighbours are whole lanes at a fixed
 //! distance. Cells outside the mask stay zero, since their steps are zero. On any other basis the
 //! unknowns are stored consecutively and neighbours are gathered by index.
-//!
-//! Over 300 lines because both layouts implement the same operations and are best read side by side.
 
 use super::float::Float;
 use super::gradient::Gradient;
@@ -106,6 +104,22 @@ struct Entry<T> {
     belongs: Lane<T>,
 }
 
+impl<T: Float> Entry<T> {
+    /// The entry with this index of a block's cells, of which each lists groups and weights.
+    fn of(cells: &[Vec<(u32, [T; 2])>], k: usize) -> Self {
+        let zeros = [T::default(); LANES];
+        let mut entry = Self { group: [0; LANES], weight: [zeros; 2], belongs: zeros };
+        for (l, column) in cells.iter().enumerate() {
+            if let Some(&(group, [first, second])) = column.get(k) {
+                entry.group[l] = group;
+                (entry.weight[0][l], entry.weight[1][l]) = (first, second);
+                entry.belongs[l] = T::from_f64(1.0);
+            }
+        }
+        entry
+    }
+}
+
 /// Gradient in the layout of the basis.
 #[derive(Debug, Clone)]
 pub(crate) enum Basis<T> {
@@ -145,9 +159,7 @@ impl<T: Float> Basis<T> {
         let pixel = rows[0].or(rows[1]).map_or(0, |&pixel| pixel as usize);
         places.cells[pixel]
     }
-}
 
-impl<T: Float> Basis<T> {
     /// Returns the size of the group at a position.
     pub(crate) fn group_size(&self, place: usize) -> f64 {
         match self {
@@ -292,32 +304,19 @@ impl<T: Float> Gathered<T> {
                 }
             }
         }
-        let mut time_radius = vec![one; length];
-        let areas = time_radius.iter_mut().zip(gradient.areas_m2());
-        areas.for_each(|(radius, area)| *radius = T::from_f64(*area));
+        let mut time_radius: Vec<T> = gradient.areas_m2().iter().map(|a| T::from_f64(*a)).collect();
+        time_radius.resize(length, one);
         let blocks: Vec<usize> = (0..length).step_by(LANES).collect();
         let (mut starts, mut entries) = (vec![0], Vec::new());
         for &first in &blocks {
             let own = &columns[first..first + LANES];
-            for k in 0..own.iter().map(Vec::len).max().unwrap_or(0) {
-                let mut entry =
-                    Entry { group: [0; LANES], weight: [[zero; LANES]; 2], belongs: [zero; LANES] };
-                for (l, column) in own.iter().enumerate() {
-                    if let Some(&(group, [first, second])) = column.get(k) {
-                        entry.group[l] = group;
-                        entry.weight[0][l] = first;
-                        entry.weight[1][l] = second;
-                        entry.belongs[l] = one;
-                    }
-                }
-                entries.push(entry);
-            }
+            let count = own.iter().map(Vec::len).max().unwrap_or(0);
+            entries.extend((0..count).map(|k| Entry::of(own, k)));
             starts.push(entries.len() as u32);
         }
         let group_blocks = (0..groups).step_by(LANES).collect();
-        let cells = (0..gradient.unknowns()).collect();
         let this = Self { group_blocks, unknowns, weights, radius, time_radius, starts, entries };
-        (this, Places { blocks, cells, length })
+        (this, Places { blocks, cells: (0..gradient.unknowns()).collect(), length })
     }
 
     /// Gathers the values at a lane of indices.

@@ -1,5 +1,6 @@
 //! Kalman filter of a position with nearly constant velocity.
 
+use super::skin::across;
 use std::array::from_fn;
 
 type Matrix3 = [[f64; 3]; 3];
@@ -145,20 +146,6 @@ impl Filter {
         self.pv = reduced(&pv, &pp, &pv);
         self.vv = symmetric(&reduced(&vv, &pv, &pv));
     }
-}
-
-/// Two orthonormal directions across a unit vector.
-fn across(normal: [f64; 3]) -> [[f64; 3]; 2] {
-    let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let along: f64 = (0..3).map(|i| axis[i] * normal[i]).sum();
-    let first: [f64; 3] = from_fn(|i| axis[i] - along * normal[i]);
-    let length = first.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let first = first.map(|x| x / length);
-    let next = |i: usize| (i + 1) % 3;
-    let second = from_fn(|i| {
-        normal[next(i)] * first[next(next(i))] - normal[next(next(i))] * first[next(i)]
-    });
-    [first, second]
 }
 
 fn diagonal(value: f64) -> Matrix3 {

@@ -22,6 +22,7 @@
 //! | `evaluate.rs` | strength and score of a touch at many places |
 //! | `candidate.rs` | a touch of a hypothesis, and where it is |
 //! | `search.rs` | the touches of a frame |
+//! | `reference.rs` | the reference |
 //! | `thresholds.rs` | thresholds, and how far stated places of left-out presses are off |
 //!
 //! Source of the test: a likelihood ratio against a null with the same freedom, as in Robey et al., *IEEE Trans. Aerosp.
@@ -31,10 +32,14 @@ mod basis;
 mod candidate;
 mod evaluate;
 mod places;
+mod reference;
 mod search;
+mod settings;
 mod thresholds;
 
-pub use thresholds::{HeldPress, Stated};
+pub use {
+    settings::LearntSettings, settings::Untouched, thresholds::HeldPress, thresholds::Stated,
+};
 
 use super::{DetectedTouch, DetectorStep, LearntTouch};
 use crate::InverseError;
@@ -44,7 +49,8 @@ use basis::Basis;
 use eit_mesh::Surface;
 use ndarray::{Array1, Array2, Axis};
 use places::SkinPlaces;
-use search::Search;
+use reference::Reference;
+use search::{Looked, Search, Skin};
 use thresholds::Thresholds;
 
 /// Clipping of channels while touches are sought, in units of the largest change in learning: several touches add up, and
@@ -54,77 +60,6 @@ const CLIP: f64 = 4.0;
 const SURE: f64 = 8.0;
 /// Least variance of a channel's noise relative to the median one: a quiet channel is so by chance.
 const LEAST_NOISE: f64 = 0.1;
-/// Least weight of a new frame in the reference: that of one in a mean of 60.
-const LEAST_FOLLOWING: f64 = 1.0 / 60.0;
-
-/// Stated error rates, from which all thresholds follow.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct LearntSettings {
-    /// False touches a second on an untouched skin. Default: one an hour.
-    pub alarms_hz: f64,
-    /// Part of the untouched frames in which the reference may stand still by chance. Default 0.01.
-    pub frozen: f64,
-    /// Part of single touches that may show another one beside them. Default 0.01.
-    pub extra: f64,
-    /// Part of true touches that may count as not explained. Default 0.001.
-    pub unexplained: f64,
-    /// Time for which a frame must be followed by others without a touch before the reference takes it, seconds.
-    /// Default 0.5.
-    pub delay_s: f64,
-    /// Most touches. Default 4.
-    pub max_touches: usize,
-    /// Weight of a new frame in the reference; `None` from noise and drift.
-    pub following: Option<f64>,
-}
-
-impl Default for LearntSettings {
-    fn default() -> Self {
-        Self {
-            alarms_hz: 1.0 / 3600.0,
-            frozen: 0.01,
-            extra: 0.01,
-            unexplained: 1e-3,
-            delay_s: 0.5,
-            max_touches: 4,
-            following: None,
-        }
-    }
-}
-
-impl LearntSettings {
-    fn validate(&self) -> Result<(), InverseError> {
-        check_positive("alarms_hz", self.alarms_hz)?;
-        check_positive("frozen", self.frozen)?;
-        check_positive("extra", self.extra)?;
-        check_positive("unexplained", self.unexplained)?;
-        check_positive("delay_s", self.delay_s)?;
-        check_positive("max_touches", self.max_touches as f64)
-    }
-}
-
-/// What is known of the untouched skin, in the unit of the presses.
-#[derive(Debug, Clone, Copy)]
-pub struct Untouched<'a> {
-    /// Voltages, `[channel]`.
-    pub reference: &'a [f64],
-    /// Standard deviation of the noise of a frame minus the reference, `[channel]`.
-    pub noise_std: &'a [f64],
-    /// Changes of the untouched skin from one press to the next, `[interval, channel]`.
-    pub steps: &'a Array2<f64>,
-    /// Time from one press to the next, seconds.
-    pub interval_s: f64,
-    /// Frames a second.
-    pub rate_hz: f64,
-}
-
-/// Quiet frames that have not entered the reference yet: the oldest is the next one once all slots are in use.
-#[derive(Debug, Clone)]
-struct Waiting {
-    frames: Vec<Vec<f64>>,
-    next: usize,
-    count: usize,
-}
 
 /// Finds the touches of each frame of a learnt skin, against a reference that follows what is no touch.
 #[derive(Debug, Clone)]
@@ -142,9 +77,7 @@ pub struct LearntDetector {
     bell_m2: f64,
     held: Vec<HeldPress>,
     false_steps: [usize; 2],
-    reference: Vec<f64>,
-    following: f64,
-    waiting: Waiting,
+    reference: Reference,
     difference: Vec<f64>,
     is_missing: Vec<bool>,
     touches: Vec<DetectedTouch>,
@@ -167,14 +100,9 @@ impl LearntDetector {
         stated: Option<Stated>,
     ) -> Result<Self, InverseError> {
         settings.validate()?;
-        let channels = map.scale.len();
-        check_length("reference", untouched.reference.len(), channels)?;
-        check_length("noise of the channels", untouched.noise_std.len(), channels)?;
-        check_length("channels of the untouched skin", untouched.steps.ncols(), channels)?;
-        check_length("strengths of the places", strength_s_m2.len(), map.places_m.len())?;
-        check_positive("interval_s", untouched.interval_s)?;
-        check_positive("rate_hz", untouched.rate_hz)?;
+        untouched.check(&map, strength_s_m2.len())?;
         check_positive("bell_m", bell_m)?;
+        let channels = map.scale.len();
         let places = SkinPlaces::new(surface, &map.places_m);
         let noise = noise(untouched.noise_std, &map.scale);
         let steps = untouched.steps / &Array1::from_iter(map.scale.iter().copied());
@@ -185,7 +113,6 @@ impl LearntDetector {
             let all: Vec<usize> = (0..channels).collect();
             Basis::new(&map.responses, &map.error, map.unit, background, &all, &places.coarse)
         };
-        let frames = untouched.interval_s * untouched.rate_hz;
         let mut thresholds = Thresholds::of_chance(&settings, untouched.rate_hz, &places, &map);
         let shown = thresholds.raise(&steps, untouched, &map, &places, &mut search, |others| {
             unit(&(&noise + &shrunk(others, None)?.all))
@@ -201,12 +128,9 @@ impl LearntDetector {
         for press in &mut held {
             press.strength_s_m2 *= strength_s_m2[press.place];
         }
-        let drift_part = drift.diag().sum() / noise.diag().sum() / frames;
-        let following = 0.5 * ((drift_part * (drift_part + 4.0)).sqrt() - drift_part);
-        let delay_frames = (settings.delay_s * untouched.rate_hz).ceil().min(1e4) as usize;
-        let frames = (0..=delay_frames).map(|_| vec![0.0; channels]).collect();
+        let drift = drift.diag().sum() / noise.diag().sum();
         Ok(Self {
-            following: settings.following.unwrap_or(following.max(LEAST_FOLLOWING)),
+            reference: Reference::new(untouched, &settings, drift),
             bell_m2: std::f64::consts::PI * bell_m * bell_m,
             map,
             places,
@@ -217,8 +141,6 @@ impl LearntDetector {
             strength_s_m2,
             held,
             false_steps: [shown, steps.nrows()],
-            reference: untouched.reference.to_vec(),
-            waiting: Waiting { frames, next: 0, count: 0 },
             difference: vec![0.0; channels],
             is_missing: vec![false; channels],
             touches: Vec::with_capacity(settings.max_touches),
@@ -248,19 +170,19 @@ impl LearntDetector {
 
     /// Returns the reference, `[channel]`.
     pub fn reference(&self) -> &[f64] {
-        &self.reference
+        &self.reference.values
     }
 
     /// Sets the reference of a channel.
     pub fn set_reference(&mut self, channel: usize, value: f64) {
-        if let Some(reference) = self.reference.get_mut(channel) {
+        if let Some(reference) = self.reference.values.get_mut(channel) {
             *reference = value;
         }
     }
 
     /// Forgets the frames that wait to enter the reference, as when an electrode turns out to be faulty.
     pub fn forget_waiting(&mut self) {
-        self.waiting.count = 0;
+        self.reference.forget_waiting();
     }
 
     /// Returns the number of channels that count, of coarse places, and of all places.
@@ -274,7 +196,7 @@ impl LearntDetector {
     /// # Errors
     /// [`InverseError::Factorisation`].
     pub fn leave_out(&mut self, is_faulty: impl Fn(usize) -> bool) -> Result<(), InverseError> {
-        let channels = || (0..self.reference.len()).filter(|&i| !is_faulty(i));
+        let channels = || (0..self.is_missing.len()).filter(|&i| !is_faulty(i));
         if channels().eq(self.basis.channels.iter().copied()) || channels().next().is_none() {
             return Ok(());
         }
@@ -301,10 +223,10 @@ impl LearntDetector {
         frame: &[f64],
         is_missing: impl Fn(usize) -> bool,
     ) -> Result<DetectorStep, InverseError> {
-        check_length("the frame", frame.len(), self.reference.len())?;
+        check_length("the frame", frame.len(), self.is_missing.len())?;
         let mut missing = 0;
         for (i, value) in self.difference.iter_mut().enumerate() {
-            let change = (frame[i] - self.reference[i]) / self.map.scale[i];
+            let change = (frame[i] - self.reference.values[i]) / self.map.scale[i];
             let most = CLIP * self.map.most[i];
             self.is_missing[i] = is_missing(i) || !change.is_finite();
             *value = if self.is_missing[i] { 0.0 } else { change.clamp(-most, most) };
@@ -315,8 +237,8 @@ impl LearntDetector {
         let rows = self.basis.channels.len() - missing;
         self.touches.clear();
         if 2 * rows < self.basis.channels.len() {
-            self.waiting.count = 0;
-            return Ok(step(0, [0.0; 2], false));
+            self.reference.forget_waiting();
+            return Ok(DetectorStep::new(0, [0.0; 2], false));
         }
         let mut found = self.look();
         if missing > 0 && found.touches > 0 {
@@ -328,13 +250,18 @@ impl LearntDetector {
         let is_quiet = found.touches == 0
             && found.evidence < self.thresholds.freeze
             && found.whole <= self.basis.channels.len() as f64 * self.thresholds.changed;
-        self.follow(frame, is_quiet);
-        Ok(step(rows, [found.whole, found.rest], is_explained))
+        match is_quiet {
+            true => self.reference.follow(frame, &self.is_missing),
+            false => self.reference.forget_waiting(),
+        }
+        Ok(DetectorStep::new(rows, [found.whole, found.rest], is_explained))
     }
 
-    fn look(&mut self) -> search::Looked {
+    /// Finds the touches of the difference.
+    fn look(&mut self) -> Looked {
         let Self { search, basis, thresholds, map, places, difference, .. } = self;
-        search.look(basis, map, places, thresholds, difference)
+        let of_places = map.variance.as_slice().unwrap_or_default();
+        search.look(Skin { basis, of_places, places }, thresholds, difference)
     }
 
     /// Sets the missing channels to what the touches found give them.
@@ -349,6 +276,7 @@ impl LearntDetector {
         }
     }
 
+    /// Sets the touches of the frame.
     fn report(&mut self, touches: usize, is_explained: bool) {
         let Self { search, places, thresholds, .. } = self;
         for (k, (place, strength, evidence)) in search.found().take(touches).enumerate() {
@@ -369,37 +297,6 @@ impl LearntDetector {
                 learnt: Some(LearntTouch { force_n: None, is_unlike: !is_explained }),
             });
         }
-    }
-
-    /// Lets the reference follow a frame that has been quiet, and was followed by quiet ones for a while.
-    fn follow(&mut self, frame: &[f64], is_quiet: bool) {
-        let Waiting { frames, next, count } = &mut self.waiting;
-        if !is_quiet {
-            *count = 0;
-            return;
-        }
-        let (slots, slot) = (frames.len(), &mut frames[*next]);
-        if *count == slots {
-            let waited = self.reference.iter_mut().zip(&*slot);
-            for (reference, value) in waited.filter(|(_, value)| value.is_finite()) {
-                *reference += self.following * (value - *reference);
-            }
-        }
-        for ((to, value), missing) in slot.iter_mut().zip(frame).zip(&self.is_missing) {
-            *to = if *missing { f64::NAN } else { *value };
-        }
-        (*next, *count) = ((*next + 1) % slots, (*count + 1).min(slots));
-    }
-}
-
-fn step(rows: usize, [whole, rest]: [f64; 2], is_explained: bool) -> DetectorStep {
-    DetectorStep {
-        rows,
-        chi_square: whole,
-        chi_square_without: whole,
-        chi_square_rest: rest,
-        blamed: None,
-        is_explained,
     }
 }
 

@@ -12,6 +12,7 @@
 //! |---|---|
 //! | `model.rs`, `places.rs`, `dictionary.rs` | what is known before the first frame: rows, places, prints `d`, effects of touches |
 //! | `background.rs` | `S` (noise, drift of the reference, memory of the fabric) and `E` (error of the model) |
+//! | `rows.rs`, `error_size.rs` | rows of a frame, and how large `E` is |
 //! | `actions.rs` | `B`: what a touch does besides its print |
 //! | `whitened.rs`, `linear.rs` | a frame whitened by `S + E`, and the products of which scores are made |
 //! | `prior.rs`, `estimate.rs` | the score of a hypothesis, at its maximum over strengths and positions |
@@ -31,6 +32,7 @@ mod background;
 mod dictionary;
 mod drives;
 mod electrodes;
+mod error_size;
 mod estimate;
 mod faults;
 mod hypotheses;
@@ -39,6 +41,7 @@ mod model;
 mod places;
 mod prior;
 mod report;
+mod rows;
 mod settings;
 mod state;
 #[cfg(test)]
@@ -52,7 +55,7 @@ pub use settings::ScoreSettings;
 use super::detector::{DentPlace, DetectorModel};
 use super::{DetectorStep, Touch};
 use crate::InverseError;
-use crate::check::check_length;
+use crate::check::{check_length, check_positive};
 use background::Background;
 use electrodes::Electrodes;
 use estimate::Scene;
@@ -60,20 +63,15 @@ use hypotheses::Search;
 use linear::Symmetric;
 use model::Model;
 use ndarray::ArrayRef2;
+use places::Grid;
 use report::Report;
 use state::{Hypothesis, Touches};
 use whitened::Whitened;
 
-/// A contact that was lost for a second comes back with a reference of its own, up to this part of the voltages, and the sooner
-/// the less.
-const BACK: f64 = 0.05;
 /// Number of searches in a frame: the error of the model follows the touches found.
 const PASSES: usize = 3;
 /// 2 ln odds of a touch that are computed no further: 3 million to one.
 const CERTAIN: f64 = 30.0;
-/// Factor by which another size of the model's error is tried, and the frames between.
-const ETA_STEP: f64 = 1.2;
-const ETA_EVERY: u64 = 10;
 
 /// Finds touches in frames, with ids that last.
 #[derive(Debug, Clone)]
@@ -108,7 +106,7 @@ pub struct ScoreDetector {
 impl ScoreDetector {
     /// Returns the places at which the deformations of the fabric are needed, see [`new`](Self::new).
     pub fn dent_places(model: &DetectorModel<'_>, settings: &ScoreSettings) -> Vec<DentPlace> {
-        Model::dent_places(model, settings)
+        Grid::new(model.surface, settings.pitch_m).dent_places()
     }
 
     /// Builds a detector for frames of one skin.
@@ -131,7 +129,7 @@ impl ScoreDetector {
         Ok(Self {
             background: Background::new(&made, &settings),
             electrodes: Electrodes::new(&made),
-            search: Search::new(),
+            search: Search::default(),
             report: Report::new(model.skin.surface),
             touches: Touches::none(),
             frames: 0,
@@ -166,10 +164,7 @@ impl ScoreDetector {
         dt_s: f64,
     ) -> Result<&[Touch], InverseError> {
         check_length("frame", frame_v.len(), self.is_missing.len())?;
-        if !(dt_s > 0.0 && dt_s.is_finite()) {
-            let (quantity, must) = ("time since the last frame", "finite and above zero");
-            return Err(InverseError::OutOfRange { quantity, value: dt_s, must });
-        }
+        check_positive("time since the last frame", dt_s)?;
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
             *missing = is_missing(i) || !frame_v[i].is_finite();
         }
@@ -183,57 +178,6 @@ impl ScoreDetector {
         let found = self.cool(found, dt_s);
         self.end(found, dt_s);
         Ok(self.report.touches())
-    }
-
-    /// Sets the background, the rows that count and the change of this frame.
-    fn begin(&mut self, frame_v: &[f64], dt_s: f64) {
-        self.loosen_open();
-        let Self { model, settings, background, electrodes, gains, work, .. } = self;
-        background.advance(settings, dt_s);
-        for e in 0..model.of.len() {
-            if electrodes.states[e] == ElectrodeState::Drifting {
-                background.loosen_gain(model, e, settings.gain_per_s * dt_s);
-            }
-        }
-        electrodes.push(model, settings, frame_v, &self.is_missing, dt_s);
-        for (e, &lost_s) in electrodes.lost_s.iter().enumerate().filter(|(_, s)| **s > 0.0) {
-            let [before, now] = [lost_s - dt_s, lost_s].map(|s| s.clamp(0.0, 1.0));
-            let part = BACK * (now * now - before * before).sqrt();
-            background.loosen(model, (0..model.n).filter(|&row| model.of[e][row]), part);
-        }
-        gains.fill(0.0);
-        for e in (0..model.of.len()).filter(|&e| electrodes.states[e] == ElectrodeState::Drifting) {
-            background::gain_column(model, e, work);
-            let product = super::detector::dot(work, &background.reference);
-            let part = (product / model.gain_squares[e].max(f64::MIN_POSITIVE)).powi(2);
-            gains.iter_mut().zip(&model.of[e]).filter(|(_, of)| **of).for_each(|(g, _)| *g += part);
-        }
-        background.sum(model, &mut self.base);
-        for (row, &[i, j]) in model.rows.of.iter().enumerate() {
-            let change =
-                |i: usize| electrodes.at_first_drive(model, frame_v, i) - model.reference_v[i];
-            let (sum, count) = match [self.is_missing[i], self.is_missing[j]] {
-                [false, false] => (0.5 * (change(i) + change(j)), 2),
-                [false, true] => (change(i), 1),
-                [true, false] => (change(j), 1),
-                [true, true] => (0.0, 0),
-            };
-            self.has_no_half[row] = count == 0;
-            self.y[row] = sum / model.row_noise_v[row];
-            if count == 1 {
-                // one half alone has twice the variance
-                self.base.add_at(row, row, 1.0);
-            }
-        }
-        let shares = |row: usize| match model.rows.of[row].map(|i| self.is_missing[i]) {
-            [false, false] => [0.5, 0.5],
-            [false, true] => [1.0, 0.0],
-            [true, false] => [0.0, 1.0],
-            [true, true] => [0.0, 0.0],
-        };
-        electrodes.scan.subtract(model, shares, &mut self.y, &mut self.base);
-        electrodes.remember(model, frame_v, &self.is_missing);
-        background.subtract(&mut self.y);
     }
 
     /// Searches for touches while the error of the model follows them.
@@ -274,30 +218,6 @@ impl ScoreDetector {
         other.set(base, error, &self.y, |row| present.binary_search(&row).is_ok());
         std::mem::swap(frame, other);
         search.search(&scene, frame, &self.touches)
-    }
-
-    /// Tries a larger or smaller error of the model, in turn.
-    fn fit_error(&mut self, found: &Hypothesis, dt_s: f64) {
-        if found.touches.is_empty() || !self.frames.is_multiple_of(ETA_EVERY) {
-            return;
-        }
-        let is_larger = self.frames / ETA_EVERY % 2 == 1;
-        let other_eta = self.background.eta * if is_larger { ETA_STEP } else { ETA_STEP.recip() };
-        let own = self.cost_of_error(found, self.background.eta, dt_s);
-        if self.cost_of_error(found, other_eta, dt_s) < own {
-            self.background.eta = other_eta.max(self.background.least_eta);
-        }
-    }
-
-    /// Score of some touches with an error of the model.
-    fn cost_of_error(&mut self, found: &Hypothesis, eta: f64, dt_s: f64) -> f64 {
-        let Self { model, settings, background, search, frame, other, other_error, .. } = self;
-        let scene = Scene { model, settings, dt_s };
-        background.errors(&scene, &found.touches, eta, &self.gains, other_error);
-        let present = &frame.present;
-        other.set(&self.base, other_error, &self.y, |row| present.binary_search(&row).is_ok());
-        let fit = search.estimator.fit(&scene, other, &found.touches, 1, 0);
-        fit.score + ((eta / settings.error).ln() / settings.error_std).powi(2)
     }
 
     /// Updates the state after a frame: odds, motion, ids, reference, memory.
@@ -411,12 +331,9 @@ impl ScoreDetector {
 
 /// How a frame was explained, for programs that know the other detector.
 fn step_of(rows: usize, chi_square: f64, chi_square_rest: f64) -> DetectorStep {
-    DetectorStep {
+    DetectorStep::new(
         rows,
-        chi_square,
-        chi_square_without: chi_square,
-        chi_square_rest,
-        blamed: None,
-        is_explained: report::is_explained(rows, chi_square_rest),
-    }
+        [chi_square, chi_square_rest],
+        report::is_explained(rows, chi_square_rest),
+    )
 }

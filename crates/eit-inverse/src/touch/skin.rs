@@ -11,13 +11,29 @@ pub(crate) struct Place {
     pub(super) tangents: [Point; 2],
 }
 
+impl Place {
+    /// The point a step along the tangents away.
+    pub(super) fn after(&self, step_m: [f64; 2]) -> Point {
+        let [first, second] = self.tangents;
+        along(along(self.position_m, step_m[0], first), step_m[1], second)
+    }
+
+    /// Step along the tangents to a point, whatever is across them.
+    pub(super) fn step_to(&self, to_m: Point) -> [f64; 2] {
+        self.tangents.map(|tangent| dot(tangent, sub(to_m, self.position_m)))
+    }
+}
+
 /// Returns two orthonormal directions in the plane of a triangle; x and y on a flat skin.
-pub(super) fn tangents([a, b, c]: [Point; 3]) -> [Point; 2] {
-    let normal = normal([a, b, c]);
+pub(super) fn tangents(corners: [Point; 3]) -> [Point; 2] {
+    across(normal(corners))
+}
+
+/// Returns two orthonormal directions across a unit vector; x and y across z.
+pub(super) fn across(normal: Point) -> [Point; 2] {
     // x projected onto the plane, or y if the plane is nearly perpendicular to x
     let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let along = dot(axis, normal);
-    let first = unit(from_fn(|i| axis[i] - along * normal[i]));
+    let first = unit(along(axis, -dot(axis, normal), normal));
     [first, cross(normal, first)]
 }
 

@@ -15,7 +15,7 @@ use eit_core::vector::{dot, normal, unit};
 use ndarray::{Array2, ArrayView1};
 
 /// Intermediate results of one instant.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct Instant {
     /// Time in frames and in seconds, and the number of its frame.
     pub time: f64,
@@ -58,12 +58,7 @@ impl Fabric {
     pub(super) fn instant(&self, pixels: usize) -> Instant {
         let electrodes = self.contact_impedance.len();
         Instant {
-            time: 0.0,
-            time_s: 0.0,
-            frame: 0,
             open: vec![false; electrodes],
-            touches: Vec::new(),
-            dents: Vec::new(),
             elements: vec![0.0; self.model.elements()],
             contact_impedance: vec![0.0; electrodes],
             shifts_m: vec![[0.0; 3]; electrodes],
@@ -71,7 +66,7 @@ impl Fabric {
             voltages_v: vec![0.0; self.model.protocol().measurements()],
             limited: vec![false; self.model.protocol().stimulations_a().nrows()],
             area_ratio: 1.0,
-            error: None,
+            ..Instant::default()
         }
     }
 

@@ -15,11 +15,14 @@
 //! E = ln(1 + grad P + grad P' + D' D) / 2
 //! ```
 //!
-//! It is evaluated at centroids, from the closed forms of the dents with tabulated Bessel functions. Second order in `c` is left out: a disc whose conductivity changes by the factor `e^c` acts like
-//! `2 tanh(c/2) = c - c^3/12`.
+//! It is evaluated at centroids, from the closed forms of the dents with tabulated Bessel functions. Second order in
+//! `c` is left out: a disc whose conductivity changes by the factor `e^c` acts like `2 tanh(c/2) = c - c^3/12`.
 //!
 //! Cost of a frame: for 104 different voltages and `e` elements 312 multiplications of f32 per element, 1.2 kB of the
 //! matrix read, and about 120 flops per element and touch.
+
+mod profile;
+mod tile;
 
 use super::instant::Instant;
 use super::plan::Plan;
@@ -28,16 +31,12 @@ use crate::fabric::bessel::KTable;
 use crate::fabric::conductivity::sixteenths;
 use crate::fabric::contact::Dent;
 use crate::fabric::fabric_model::Fabric;
-use crate::fabric::motion::{Motion, Placed};
 use crate::fabric::settings::Instrument;
-use eit_core::vector::{Vector, along, cross, dot, norm, normal, scaled, sub, unit};
-use eit_mesh::{Electrode, Mesh};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Col, Mat, Par};
+use profile::Profile;
 use pulp::Arch;
-
-/// Intervals of a dent's table: a touch's voltages change by 0.3 % at most against exact profiles (measured).
-const INTERVALS: usize = 64;
+use tile::{Moved, Strain, Tile, stretches, tiles};
 
 /// Derivatives of the voltages of an untouched skin, and where its elements are.
 pub(super) struct Linearised {
@@ -57,23 +56,6 @@ pub(super) struct Linearised {
     bessel: KTable,
 }
 
-/// Strain of an element in its frame: 11, 22, 12, and its rotation from 1 to 2, on which an anisotropic sheet depends.
-type Strain = [f64; 4];
-
-/// One element.
-struct Tile {
-    middle_m: Vector,
-    /// Largest distance of a corner from the middle, metres.
-    size_m: f64,
-    /// Unit vectors in its plane, and its normal.
-    frame: [Vector; 3],
-    /// Fraction of the free displacement by which it moves, and its gradient, 1/m.
-    follows: f64,
-    rise: [f64; 2],
-    /// `S22 - S11` and `-2 S12` of [`crate::derivatives::movement`] for each component of the strain.
-    shears: [Strain; 2],
-}
-
 impl Linearised {
     /// Refuses what is not linear.
     pub(super) fn check(fabric: &Fabric) -> Result<(), FemError> {
@@ -86,6 +68,7 @@ impl Linearised {
         FemError::require("common_mode_db", decibels, common_mode_db.is_none(), must)
     }
 
+    /// Solves the untouched skin, with its derivatives.
     pub(super) fn new(fabric: &Fabric, plan: &Plan) -> Result<Self, FemError> {
         let (model, mesh) = (&fabric.model, &fabric.mesh);
         let (mut geometry, mut workspace) = (model.geometry(), model.workspace()?);
@@ -200,7 +183,7 @@ impl Linearised {
                     cut = Some((profile, here_pa));
                 }
                 if fabric.motion.moves {
-                    moved.add(tile, touch, &from, &felt, fabric.motion.half_m);
+                    moved.add(tile, touch, &from, felt, fabric.motion.half_m);
                     size *= 1.0 + tile.follows * tile.follows * (felt.looks - 1.0);
                 }
             }
@@ -219,238 +202,4 @@ impl Linearised {
             (self.strains[e], self.sizes[e]) = (moved.strain(tile), size);
         }
     }
-}
-
-/// A dent, tabulated over `c / (c + r)` with half a membrane length `c`, and how large the sheet around it looks.
-///
-/// A round stretch acts only together with a change of conductivity: currents see the stretched sheet as a flat one on
-/// which the circle of radius `r` has the radius `rho`, where `d ln rho / d ln r` is the ratio `q` of the radial to the
-/// tangential stretch. A piece of the sheet looks `q (rho / r)^2` times as large, with
-/// `ln(rho / r) = - integral from r to infinity of (q - 1) dr / r`.
-struct Profile<'a> {
-    touch: &'a Placed,
-    half_m: f64,
-    table: [Felt; INTERVALS + 1],
-}
-
-/// What a dent does at a distance.
-#[derive(Clone, Copy, Default)]
-struct Felt {
-    deflection_m: f64,
-    slope: f64,
-    areal_strain: f64,
-    /// Displacement over distance.
-    across: f64,
-    /// How many times as large the sheet looks.
-    looks: f64,
-    /// How far friction drags, over [`Placed::drag_m`].
-    dragged: f64,
-}
-
-/// A place seen from a touch.
-struct From {
-    /// Along the tangent plane, metres.
-    offset_m: Vector,
-    /// [`Placed::distance_m`], its inverse and its gradient; the last two zero at the centre.
-    distance_m: f64,
-    per_m: f64,
-    outward: Vector,
-}
-
-impl<'a> Profile<'a> {
-    fn new(touch: &'a Placed, motion: &Motion, bessel: &KTable) -> Self {
-        let half_m = 0.5 * touch.dent.length_m();
-        // far away all is flat
-        let mut table = [Felt { looks: 1.0, ..Default::default() }; INTERVALS + 1];
-        let (mut integral, mut former): (f64, Option<[f64; 2]>) = (0.0, None);
-        for (k, entry) in table.iter_mut().enumerate().skip(1) {
-            let r = half_m * (INTERVALS as f64 / k as f64 - 1.0);
-            let dent = touch.dent.at_by(r, &|x| bessel.at(x));
-            // at the centre all directions are alike: half of the areal strain each
-            let across = if r > 0.0 { dent.displacement_m / r } else { 0.5 * dent.areal_strain };
-            let along = dent.areal_strain - 0.5 * dent.slope.powi(2) - across;
-            let ratio = (1.0 + along).hypot(dent.slope) / (1.0 + across);
-            let rate = if r > 0.0 { (ratio - 1.0) / r } else { 0.0 };
-            integral += former.map_or(0.0, |[far, before]| 0.5 * (far - r) * (rate + before));
-            former = Some([r, rate]);
-            let looks = ratio * (-2.0 * integral).exp();
-            let Dent { deflection_m, slope, areal_strain, .. } = dent;
-            let near_m = r.max(touch.dent.contact_radius_m);
-            let dragged = (motion.half_m / near_m).ln().max(0.0);
-            *entry = Felt { deflection_m, slope, areal_strain, across, looks, dragged };
-        }
-        Self { touch, half_m, table }
-    }
-
-    #[inline(always)]
-    fn from(&self, place_m: Vector) -> From {
-        let Placed { seat, axis, stretch, .. } = self.touch;
-        let to = sub(place_m, seat.place_m);
-        let offset_m = along(to, -dot(to, seat.normal), seat.normal);
-        let (square, ratio) = (dot(to, to), stretch * stretch);
-        let (square, gradient) = match ratio == 1.0 {
-            true => (square, to),
-            false => {
-                let x = dot(to, *axis);
-                let across = scaled(ratio, along(to, -x, *axis));
-                let square = x * x / ratio + (square - x * x).max(0.0) * ratio;
-                (square, along(across, x / ratio, *axis))
-            }
-        };
-        let distance_m = square.sqrt();
-        let per_m = if square > 0.0 { 1.0 / distance_m } else { 0.0 };
-        From { offset_m, distance_m, per_m, outward: scaled(per_m, gradient) }
-    }
-
-    #[inline(always)]
-    fn at(&self, distance_m: f64) -> Felt {
-        let place = INTERVALS as f64 * self.half_m / (self.half_m + distance_m);
-        let k = (place as usize).min(INTERVALS - 1);
-        let (part, [a, b]) = (place - k as f64, [&self.table[k], &self.table[k + 1]]);
-        let mix = |a: f64, b: f64| a + part * (b - a);
-        Felt {
-            deflection_m: mix(a.deflection_m, b.deflection_m),
-            slope: mix(a.slope, b.slope),
-            areal_strain: mix(a.areal_strain, b.areal_strain),
-            across: mix(a.across, b.across),
-            looks: mix(a.looks, b.looks),
-            dragged: mix(a.dragged, b.dragged),
-        }
-    }
-
-    #[inline(always)]
-    fn pressure_pa(&self, distance_m: f64) -> f64 {
-        self.touch.dent.pressure_pa(distance_m, self.at(distance_m).deflection_m)
-    }
-}
-
-/// Displacement of the free fabric at an element, along its frame and its normal, and the gradient in its plane.
-#[derive(Default)]
-struct Moved {
-    along_m: [f64; 3],
-    /// `[i][j]`: component `i` along `j`.
-    gradient: [[f64; 2]; 3],
-}
-
-impl Moved {
-    #[inline(always)]
-    fn add(&mut self, tile: &Tile, touch: &Placed, from: &From, felt: &Felt, half_m: f64) {
-        let within = |v: Vector| tile.frame.map(|axis| dot(axis, v));
-        let Felt { slope, across, areal_strain, deflection_m, .. } = *felt;
-        let (r, [x, y, _]) = (from.distance_m, within(from.outward));
-        let (outward, normal) = ([x, y], within(touch.seat.normal));
-        let bend = from.per_m * (areal_strain - 0.5 * slope * slope - 2.0 * across);
-        self.shift(within(from.offset_m), across, bend, outward);
-        for (i, row) in self.gradient.iter_mut().enumerate() {
-            for (j, entry) in row.iter_mut().enumerate() {
-                *entry += across * (if i == j { 1.0 } else { 0.0 } - normal[i] * normal[j]);
-            }
-        }
-        self.shift(normal, -deflection_m, -slope, outward);
-        if touch.drag_m != [0.0; 3] && r < half_m {
-            let fall = if r > touch.dent.contact_radius_m { -from.per_m } else { 0.0 };
-            self.shift(within(touch.drag_m), felt.dragged, fall, outward);
-        }
-    }
-
-    /// Adds a displacement along a vector, whose amount has the gradient `rise` along `outward`.
-    #[inline(always)]
-    fn shift(&mut self, along_m: [f64; 3], amount: f64, rise: f64, outward: [f64; 2]) {
-        for (i, part_m) in along_m.into_iter().enumerate() {
-            self.along_m[i] += amount * part_m;
-            self.gradient[i] = [0, 1].map(|j| self.gradient[i][j] + rise * part_m * outward[j]);
-        }
-    }
-
-    #[inline(always)]
-    fn strain(&self, tile: &Tile) -> Strain {
-        let Tile { follows, rise, .. } = tile;
-        let d: [[f64; 2]; 3] = std::array::from_fn(|i| {
-            [0, 1].map(|j| follows * self.gradient[i][j] + self.along_m[i] * rise[j])
-        });
-        let twice_green = |i: usize, j: usize| {
-            d[i][j] + d[j][i] + d.iter().map(|row| row[i] * row[j]).sum::<f64>()
-        };
-        let [c11, c22, c12] = [1.0 + twice_green(0, 0), 1.0 + twice_green(1, 1), twice_green(0, 1)];
-        // half the logarithm of a symmetric matrix, by its eigenvalues
-        let (mean, half) = (0.5 * (c11 + c22), 0.5 * (c11 - c22));
-        let square = (half * half + c12 * c12) / (mean * mean);
-        let dilation = 0.25 * (mean * mean * (1.0 - square)).ln();
-        // atanh(x) / x, by its series up to x = 0.3, to 1e-5
-        let ratio = match square < 0.09 {
-            true => 1.0 + square * (1.0 / 3.0 + square * (0.2 + square / 7.0)),
-            false => square.sqrt().atanh() / square.sqrt(),
-        };
-        let part = 0.5 * ratio / mean;
-        let turn = 0.5 * (d[1][0] - d[0][1]);
-        [dilation + part * half, dilation - part * half, part * c12, turn]
-    }
-}
-
-fn tiles(fabric: &Fabric) -> Vec<Tile> {
-    let surface = fabric.mesh.surface();
-    let grains = fabric.model.anisotropy().map(|a| a.grains());
-    let tile = |(t, nodes): (usize, &[u32; 3])| {
-        let corners = surface.corners(t);
-        let (middle_m, size_m) = fabric.elements.middle(t);
-        let up = unit(normal(corners));
-        let first = unit(sub(corners[1], corners[0]));
-        let frame = [first, cross(up, first), up];
-        let follows = nodes.map(|n| fabric.motion.follows(n));
-        // gradient of the linear function of its corners
-        let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
-        let (f1, f2) = (follows[1] - follows[0], follows[2] - follows[0]);
-        let double_area = norm(cross(e1, e2));
-        let gradient =
-            scaled(1.0 / double_area, along(scaled(f1, cross(e2, up)), f2, cross(up, e1)));
-        let shear = |strain: Strain| {
-            let pull = |v: Vector| {
-                let [x, y, _] = frame.map(|axis| dot(axis, v));
-                let [s11, s22, s12, turn] = strain;
-                let pulled = scaled(s11 * x + (s12 - turn) * y, frame[0]);
-                along(pulled, (s12 + turn) * x + s22 * y, frame[1])
-            };
-            let vectors = corners.map(|corner| pull(sub(corner, corners[0])));
-            crate::derivatives::movement::strain(corners, vectors, grains.map(|grains| &grains[t]))
-        };
-        let unit = |k: usize| std::array::from_fn(|i| if i == k { 1.0 } else { 0.0 });
-        let units: [[f64; 2]; 4] = std::array::from_fn(|k| shear(unit(k)));
-        Tile {
-            middle_m,
-            size_m,
-            frame,
-            follows: follows.iter().sum::<f64>() / 3.0,
-            rise: [0, 1].map(|k| dot(frame[k], gradient)),
-            shears: [0, 1].map(|k| units.map(|unit| unit[k])),
-        }
-    };
-    surface.triangles().iter().enumerate().map(tile).collect()
-}
-
-/// Weights of the strains of elements in the relative stretch of each electrode.
-fn stretches(mesh: &Mesh, tiles: &[Tile]) -> Vec<Vec<(usize, Strain)>> {
-    let surface = mesh.surface();
-    let place = |n: u32| surface.nodes()[n as usize];
-    let of_edge = |[a, b]: &[u32; 2]| {
-        let beside = surface.triangles().iter().position(|t| t.contains(a) && t.contains(b))?;
-        let edge = sub(place(*b), place(*a));
-        let [x, y, _] = tiles[beside].frame.map(|axis| dot(axis, unit(edge)));
-        Some((beside, norm(edge), [x * x, y * y, 2.0 * x * y, 0.0]))
-    };
-    let of_electrode = |electrode: &Electrode| {
-        let parts: Vec<(usize, f64, Strain)> = match electrode {
-            Electrode::Rim(edges) => edges.iter().filter_map(of_edge).collect(),
-            Electrode::Patch(triangles) => {
-                let part =
-                    |&t: &u32| (t as usize, surface.areas_m2()[t as usize], [1.0, 1.0, 0.0, 0.0]);
-                triangles.iter().map(part).collect()
-            }
-        };
-        let whole: f64 = parts.iter().map(|part| part.1).sum();
-        let weighted = |(e, measure, weights): (usize, f64, Strain)| {
-            (e, weights.map(|weight| weight * measure / whole))
-        };
-        parts.into_iter().map(weighted).collect()
-    };
-    mesh.electrodes().iter().map(of_electrode).collect()
 }

@@ -38,7 +38,7 @@ impl Front {
 }
 
 /// Symbolic factorisation.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Symbolic {
     pub fronts: Vec<Front>,
     /// Fronts in processing order: children before parents, the last child on top of the stack.
@@ -75,14 +75,8 @@ impl Symbolic {
         let firsts = relaxed(&fundamental(&parents, &counts, leading), &parents, &counts, leading);
         let mut symbolic = Self {
             fronts: Vec::with_capacity(firsts.len()),
-            sequence: Vec::new(),
-            children: Vec::new(),
-            below: Vec::new(),
-            relative: Vec::new(),
             places: Vec::with_capacity(rows.len()),
-            factor_length: 0,
-            stack_length: 0,
-            longest: 0,
+            ..Self::default()
         };
         let parents = symbolic.fronts(&firsts, pattern);
         symbolic.order_work(&parents);

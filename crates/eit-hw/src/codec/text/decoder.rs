@@ -1,64 +1,15 @@
 //! Decodes lines of text to frames.
 
+use super::event::{Event, Fault, Values};
 use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
 use super::line::{self, Stripped};
 use super::number::Number;
 use crate::error::HwError;
-use crate::frame::Quality;
 
 /// Number of pushes without bytes that are a pause.
 pub(crate) const PAUSES: usize = 2;
 /// Number of frames of several lines in a row, with as many lines, from which on they are passed on.
 const ALIKE: usize = 3;
-
-/// Outcome of decoding the bytes received so far.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event<'a> {
-    /// A complete frame.
-    Frame {
-        /// Real parts, scaled.
-        values: &'a [f64],
-        /// Imaginary parts, scaled; empty for real values.
-        imaginary: &'a [f64],
-        /// Flags set by the limits of the format, and of values that the board printed as `nan`,
-        /// `inf` or `ovf`: these are NaN and [`Quality::NON_FINITE`].
-        quality: &'a [Quality],
-    },
-    /// A line outside any frame, such as a banner; control characters are replaced by `?`.
-    Line(&'a str),
-    /// A frame was skipped.
-    Skipped(Fault),
-}
-
-/// Why a frame was skipped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Fault {
-    /// A line has the wrong number of values.
-    Values {
-        /// Number of values found.
-        found: usize,
-        /// Number of values expected.
-        wanted: usize,
-    },
-    /// The frame has the wrong number of lines.
-    Lines {
-        /// Number of lines found.
-        found: usize,
-        /// Number of lines expected.
-        wanted: usize,
-    },
-    /// A field is not a number.
-    NotANumber {
-        /// Index of the field, from 0.
-        field: usize,
-    },
-    /// A line is longer than [`MAX_LINE_BYTES`].
-    TooLong,
-    /// The start of the line was not received.
-    TruncatedStart,
-}
 
 /// Decodes lines of numbers.
 ///
@@ -98,15 +49,14 @@ pub struct Decoder {
     fault: Option<Fault>,
     /// Numbers of the open frame.
     numbers: Vec<f64>,
-    values: Vec<f64>,
-    imaginary: Vec<f64>,
-    quality: Vec<Quality>,
+    values: Values,
     /// First number of the last line with one more than wanted.
     counter: Option<f64>,
     /// What was stripped from lines so far.
     stripped: Stripped,
 }
 
+/// How much of a line was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Line {
     Whole,
@@ -121,10 +71,7 @@ impl Decoder {
     /// [`HwError::Setting`] if the format is inconsistent.
     pub fn new(format: TextFormat) -> Result<Self, HwError> {
         format.validate()?;
-        let (numbers, values) = (format.numbers(), format.measurements());
-        let imaginary = if format.complex { values } else { 0 };
         Ok(Self {
-            format,
             line: Vec::with_capacity(1024),
             line_is: Line::TruncatedStart,
             after_return: false,
@@ -134,12 +81,11 @@ impl Decoder {
             alike: [0; 2],
             lines: None,
             fault: None,
-            numbers: Vec::with_capacity(numbers + 1),
-            values: vec![0.0; values],
-            imaginary: vec![0.0; imaginary],
-            quality: vec![Quality::GOOD; values],
+            numbers: Vec::with_capacity(format.numbers() + 1),
+            values: Values::new(&format),
             counter: None,
             stripped: Stripped::default(),
+            format,
         })
     }
 
@@ -193,6 +139,7 @@ impl Decoder {
         }
     }
 
+    /// Takes a line by the framing of the format.
     fn take(&mut self, line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         let cut = match self.line_is {
             Line::Whole => None,
@@ -231,7 +178,7 @@ impl Decoder {
         self.format.framing = framing;
     }
 
-    /// A line that is a frame, or a part of one whose start is known.
+    /// Takes a line that is a frame, or a part of one whose start is known.
     fn line_of_frame(
         &mut self,
         line: &[u8],
@@ -290,6 +237,7 @@ impl Decoder {
         self.close(on_event);
     }
 
+    /// Passes on a line outside frames.
     fn tell_line(line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         const MOST: usize = 200;
         let text: String = String::from_utf8_lossy(&line[..line.len().min(MOST)])
@@ -309,11 +257,39 @@ impl Decoder {
         self.numbers.clear();
     }
 
+    /// Adds the numbers of a line to the open frame.
     fn numbers(&mut self, line: &[u8], cut: Option<Fault>, on_event: &mut impl FnMut(Event<'_>)) {
-        let before = self.numbers.len();
-        let (mut found, mut fault) = (0, cut);
-        let wanted = self.format.values_per_line;
-        let most = before + wanted + 1;
+        let (before, wanted) = (self.numbers.len(), self.format.values_per_line);
+        let (mut found, fault) = self.parse(line, before + wanted + 1);
+        let fault = cut.or(fault);
+        // one more in front, which grows: numbers or times of frames
+        if found == wanted + 1
+            && self.format.lines_per_frame == 1
+            && let Some(&first) = self.numbers.get(before)
+            && self.counter.replace(first).is_some_and(|last| first > last)
+        {
+            self.numbers.remove(before);
+            found = wanted;
+            self.stripped = self.stripped.or(Stripped::LABEL);
+        }
+        self.numbers.truncate(self.format.numbers().min(before + wanted));
+        // a banner between frames that end with a mark
+        if before == 0
+            && self.lines == Some(0)
+            && matches!(fault, Some(Fault::NotANumber { field: 0 }))
+        {
+            self.numbers.clear();
+            return Self::tell_line(line, on_event);
+        }
+        let fault = fault.or((found != wanted).then_some(Fault::Values { found, wanted }));
+        self.fault = self.fault.or(fault);
+        self.lines = self.lines.map(|lines| lines.saturating_add(1));
+    }
+
+    /// Reads the numbers of a line, of which at most as many are kept that there are `most` of the frame; returns how
+    /// many were found, and the first field that is none.
+    fn parse(&mut self, line: &[u8], most: usize) -> (usize, Option<Fault>) {
+        let (mut found, mut fault) = (0, None);
         let numbers = &mut self.numbers;
         let mut take = |number: f64| {
             found += 1;
@@ -339,36 +315,17 @@ impl Decoder {
                 }
             }
         }
-        // one more in front, which grows: numbers or times of frames
-        if found == wanted + 1
-            && self.format.lines_per_frame == 1
-            && let Some(&first) = self.numbers.get(before)
-            && self.counter.replace(first).is_some_and(|last| first > last)
-        {
-            self.numbers.remove(before);
-            found = wanted;
-            self.stripped = self.stripped.or(Stripped::LABEL);
-        }
-        self.numbers.truncate(self.format.numbers().min(before + wanted));
-        // a banner between frames that end with a mark
-        if before == 0
-            && self.lines == Some(0)
-            && matches!(fault, Some(Fault::NotANumber { field: 0 }))
-        {
-            self.numbers.clear();
-            return Self::tell_line(line, on_event);
-        }
-        let fault = fault.or((found != wanted).then_some(Fault::Values { found, wanted }));
-        self.fault = self.fault.or(fault);
-        self.lines = self.lines.map(|lines| lines.saturating_add(1));
+        (found, fault)
     }
 
+    /// Ends a frame that is faulty or has all of its lines.
     fn close_if_whole(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
         if self.fault.is_some() || self.lines == Some(self.format.lines_per_frame) {
             self.close(on_event);
         }
     }
 
+    /// Ends a frame, and passes it on or says why not.
     fn close(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
         let Some(found) = self.lines.take() else { return };
         let wanted = self.format.lines_per_frame;
@@ -379,31 +336,7 @@ impl Decoder {
         if let Some(fault) = fault {
             return on_event(Event::Skipped(fault));
         }
-        let step = if self.format.complex { 2 } else { 1 };
-        let slots = self.values.iter_mut().zip(&mut self.quality).enumerate();
-        for ((index, (value, quality)), parts) in slots.zip(self.numbers.chunks_exact(step)) {
-            let mut size = 0.0_f64;
-            *quality = Quality::GOOD;
-            *value = parts[0] * self.format.scale;
-            for part in parts {
-                size = size.max(part.abs());
-            }
-            if parts.iter().any(|part| part.is_nan()) {
-                *quality |= Quality::NON_FINITE;
-                // of a complex value with one part, neither limit can be known
-                size = f64::NAN;
-            }
-            if let (&[_, imaginary], Some(slot)) = (parts, self.imaginary.get_mut(index)) {
-                *slot = imaginary * self.format.scale;
-            }
-            if self.format.saturated_from.is_some_and(|limit| size >= limit) {
-                *quality |= Quality::SATURATED;
-            }
-            if self.format.open_up_to.is_some_and(|limit| size <= limit) {
-                *quality |= Quality::OPEN;
-            }
-        }
-        let (values, imaginary, quality) = (&self.values, &self.imaginary, &self.quality);
-        on_event(Event::Frame { values, imaginary, quality });
+        self.values.set(&self.format, &self.numbers);
+        on_event(self.values.event());
     }
 }

@@ -10,7 +10,7 @@ const CLEAR_SHARE: f64 = 0.9;
 
 /// A frame being received. Data are placed by driven pair and channel group, never by order of
 /// arrival; groups beyond the electrodes in use are ignored.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Assembly {
     drives: Vec<[u32; 2]>,
     electrodes: usize,
@@ -39,15 +39,11 @@ impl Assembly {
             electrodes,
             groups,
             polarity: settings.polarity,
-            sign: None,
             values: vec![0.0; count],
             imaginary: vec![0.0; count],
             quality: vec![Quality::GOOD; count],
             filled: vec![false; settings.drives.len() * groups],
-            filled_count: 0,
-            last_cell: 0,
-            time: None,
-            clock: (0, 0),
+            ..Self::default()
         };
         assembly.reset();
         assembly

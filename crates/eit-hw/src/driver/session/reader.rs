@@ -96,6 +96,7 @@ impl Reader {
         }
     }
 
+    /// Whether the session was stopped.
     fn quits(&self) -> bool {
         self.quit.load(Ordering::Relaxed)
     }
@@ -111,20 +112,11 @@ impl Reader {
                 Err(_) if self.quits() => return End::Quit,
                 Err(error) => return End::Lost(error.to_string(), error),
             };
-            let (mut frames, mut end) = (0, None);
-            let (queue, stream) = (&self.queue, &mut self.stream);
             if received > 0 {
                 noise.add(received);
-                queue.count(|statistics| statistics.bytes += received as u64);
+                self.queue.count(|statistics| statistics.bytes += received as u64);
             }
-            // a pause, too, says something: it ends frames of several lines
-            self.driver.receive(&buffer[..received], &mut |decoded| {
-                frames += u32::from(matches!(decoded, Decoded::Frame(_)));
-                // what follows belongs to another connection
-                if end.is_none() {
-                    end = take(queue, stream, decoded);
-                }
-            });
+            let (frames, end) = self.decode(&buffer[..received]);
             match end {
                 Some(TakeEnd::Overflow) => return End::Overflow,
                 Some(TakeEnd::Restarted) => {
@@ -142,30 +134,53 @@ impl Reader {
                 let silent_s = self.silence.frame(now);
                 self.count_silence(silent_s);
                 self.count_disconnected(now);
-            } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
-                event!(WARN, "the instrument is silent", for_s = for_s);
-                let bytes = noise.bytes(for_s, now);
-                self.queue.push(Event::Silent { for_s, bytes });
-                if bytes > 0 {
-                    self.name_other_users(now);
-                }
-            } else if self.settings.reconnect.is_some()
-                && self.silence.is_stall(&self.settings, now)
-            {
-                let for_s = self.silence.for_s(now);
-                let although = match noise.bytes(for_s, now) {
-                    0 => String::new(),
-                    bytes => format!(", although {bytes} bytes came"),
-                };
-                let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
-                let silent_s = self.silence.end(now);
-                self.count_silence(silent_s);
-                return self.lost(ErrorKind::TimedOut, reason);
+            } else if let Some(end) = self.wait(&noise, now) {
+                return end;
             }
         }
         let silent_s = self.silence.end(Instant::now());
         self.count_silence(silent_s);
         End::Quit
+    }
+
+    /// Passes on what bytes decode to: the number of frames, and why the connection ends.
+    fn decode(&mut self, bytes: &[u8]) -> (u32, Option<TakeEnd>) {
+        let (mut frames, mut end) = (0, None);
+        let (queue, stream) = (&self.queue, &mut self.stream);
+        // a pause, too, says something: it ends frames of several lines
+        self.driver.receive(bytes, &mut |decoded| {
+            frames += u32::from(matches!(decoded, Decoded::Frame(_)));
+            // what follows belongs to another connection
+            if end.is_none() {
+                end = take(queue, stream, decoded);
+            }
+        });
+        (frames, end)
+    }
+
+    /// Reports a silence that begins; ends the connection once the silence is too long.
+    fn wait(&mut self, noise: &Noise, now: Instant) -> Option<End> {
+        if let Some(for_s) = self.silence.begins(&self.settings, now) {
+            event!(WARN, "the instrument is silent", for_s = for_s);
+            let bytes = noise.bytes(for_s, now);
+            self.queue.push(Event::Silent { for_s, bytes });
+            if bytes > 0 {
+                self.name_other_users(now);
+            }
+            return None;
+        }
+        if self.settings.reconnect.is_none() || !self.silence.is_stall(&self.settings, now) {
+            return None;
+        }
+        let for_s = self.silence.for_s(now);
+        let although = match noise.bytes(for_s, now) {
+            0 => String::new(),
+            bytes => format!(", although {bytes} bytes came"),
+        };
+        let reason = format!("no frame for {for_s:.1} s{although}: setting it up again");
+        let silent_s = self.silence.end(now);
+        self.count_silence(silent_s);
+        Some(self.lost(ErrorKind::TimedOut, reason))
     }
 
     /// Ends a connection that carries nothing any more.
@@ -181,6 +196,7 @@ impl Reader {
         }
     }
 
+    /// Counts the time after a lost connection.
     fn count_disconnected(&mut self, now: Instant) {
         if let Some(since) = self.lost_since.take() {
             let for_s = now.saturating_duration_since(since).as_secs_f64();
@@ -237,6 +253,7 @@ impl Reader {
         }
     }
 
+    /// Tries once to reconnect to the same instrument.
     fn attempt(&mut self) -> Result<Link, HwError> {
         let mut link = Link::open_until(&self.endpoint, Arc::clone(&self.quit))?;
         let setup = connect(&mut *self.driver, &mut link)?;
@@ -274,6 +291,7 @@ impl Noise {
     }
 }
 
+/// Why what was decoded ends a connection.
 enum TakeEnd {
     Overflow,
     Restarted,

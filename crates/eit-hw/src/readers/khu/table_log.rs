@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::error::{HwError, Place, shortened};
+use crate::error::{HwError, Place};
 use crate::frame::Quadruple;
-use crate::readers::text;
+use crate::readers::{text, wrong_field};
 
 /// Gain per step of the digital code: 40 / 200.
 const GAIN_PER_CODE: f64 = 0.2;
@@ -129,7 +129,7 @@ fn wrong(
     wanted: &'static str,
 ) -> HwError {
     let mend = "copy the table again from the instrument's folder";
-    HwError::Field { place: Place::line(path, line), field, text: shortened(text), wanted, mend }
+    wrong_field(Place::line(path, line), field, text, wanted, mend)
 }
 
 #[cfg(test)]

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::{MAGIC, MEND};
-use crate::error::{HwError, Place, shortened};
+use crate::error::{HwError, Place};
 use crate::readers::number::Kind;
+use crate::readers::wrong_field;
 
 /// Content of the header.
 pub(in crate::readers) struct Header {
@@ -23,13 +24,7 @@ impl Header {
         if bytes.is_empty() {
             return Err(HwError::Empty { place: place() });
         }
-        let wrong = |field, text: &str, wanted| HwError::Field {
-            place: place(),
-            field,
-            text: shortened(text),
-            wanted,
-            mend: MEND,
-        };
+        let wrong = |field, text: &str, wanted| wrong_field(place(), field, text, wanted, MEND);
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             let start = String::from_utf8_lossy(&bytes[..bytes.len().min(MAGIC.len())]);
             return Err(wrong("its start", &start, "the NPY magic \\x93NUMPY"));

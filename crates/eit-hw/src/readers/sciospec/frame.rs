@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::header::Header;
-use crate::error::{HwError, Place, shortened};
-use crate::readers::text;
+use crate::error::{HwError, Place};
+use crate::readers::{text, wrong_field};
 
 /// Most lines in a file: those of 1 024 drives at 256 frequencies.
 const MOST_LINES: usize = 1 << 18;
@@ -183,13 +183,11 @@ fn drive(line: &str, number: usize, path: &Path, channels: &Channels) -> Result<
     let mut next = || channels.electrode(fields.next()?.parse().ok()?);
     match (next(), next(), fields.next()) {
         (Some(a), Some(b), None) if a != b => Ok([a, b]),
-        _ => Err(HwError::Field {
-            place: Place::line(path, number),
-            field: "drive",
-            text: shortened(line),
-            wanted: "two different numbers of measurement channels",
-            mend: "the file is truncated or damaged: copy it again or remove it",
-        }),
+        _ => {
+            let wanted = "two different numbers of measurement channels";
+            let mend = "the file is truncated or damaged: copy it again or remove it";
+            Err(wrong_field(Place::line(path, number), "drive", line, wanted, mend))
+        }
     }
 }
 

@@ -6,7 +6,8 @@
 
 use std::path::Path;
 
-use crate::error::{HwError, Place, shortened};
+use crate::error::{HwError, Place};
+use crate::readers::wrong_field;
 
 const MEND: &str = "the file is damaged or not a Sciospec text frame: export it again";
 
@@ -28,12 +29,8 @@ impl Header {
     /// Parses the header from the first of `lines`.
     pub(super) fn parse(lines: &[(usize, &str)], path: &Path) -> Result<Self, HwError> {
         let text = |index: usize| lines.get(index).map_or("", |(_, line)| line.trim());
-        let wrong = |index: usize, field, wanted| HwError::Field {
-            place: Place::line(path, index + 1),
-            field,
-            text: shortened(text(index)),
-            wanted,
-            mend: MEND,
+        let wrong = |index: usize, field, wanted| {
+            wrong_field(Place::line(path, index + 1), field, text(index), wanted, MEND)
         };
         let count = text(0)
             .parse::<usize>()

@@ -2,11 +2,10 @@
 //! search, see [`AbsoluteGaussNewton`].
 
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
-use crate::one_step::{covariance_times, weighted_rows};
+use crate::one_step::{covariance_times, gram, weighted_rows};
 use crate::{InverseError, SequenceStatus};
-use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::prelude::Solve;
-use faer::{Accum, Col, ColRef, Mat, MatRef, Par, Side};
+use faer::{Col, ColRef, MatRef, Side};
 
 /// Sufficient decrease as a fraction of the decrease predicted by the slope (Armijo 1966; Nocedal,
 /// Wright, *Numerical Optimization* (2006), section 3.1, suggest 1e-4).
@@ -87,7 +86,10 @@ impl AbsoluteGaussNewton<'_> {
         let used = self.channels.used.len();
         let jacobian = MatRef::from_row_major_slice(&weighted, used, elements);
         let covariance = MatRef::from_row_major_slice(&covariance, used, elements);
-        let Ok(factor) = gram(covariance, jacobian, self.noise_variance).llt(Side::Lower) else {
+        // J P J' + mu I
+        let mut gram = gram(covariance, jacobian);
+        (0..gram.nrows()).for_each(|i| gram[(i, i)] += self.noise_variance);
+        let Ok(factor) = gram.llt(Side::Lower) else {
             return Ok(None);
         };
         let z = factor.solve(jacobian * ColRef::from_slice(&from.x) + column(&from.residual));
@@ -198,23 +200,4 @@ impl AbsoluteGaussNewton<'_> {
 
 fn column(values: &[f64]) -> ColRef<'_, f64> {
     ColRef::from_slice(values)
-}
-
-/// Computes the lower triangle of `J P J' + mu I`.
-fn gram(covariance: MatRef<'_, f64>, jacobian: MatRef<'_, f64>, noise_variance: f64) -> Mat<f64> {
-    let used = jacobian.nrows();
-    let mut gram = Mat::zeros(used, used);
-    triangular::matmul(
-        gram.as_mut(),
-        BlockStructure::TriangularLower,
-        Accum::Replace,
-        covariance,
-        BlockStructure::Rectangular,
-        jacobian.transpose(),
-        BlockStructure::Rectangular,
-        1.0,
-        Par::Seq,
-    );
-    (0..used).for_each(|i| gram[(i, i)] += noise_variance);
-    gram
 }

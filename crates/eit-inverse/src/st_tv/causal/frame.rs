@@ -68,6 +68,13 @@ pub(super) struct Limits {
     pub(super) first_look: usize,
 }
 
+impl Limits {
+    /// Seconds since the start.
+    fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+}
+
 /// Scale of the images, the largest value of anchor and innovation, and the factor on the step and smoothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Scale {
@@ -181,22 +188,11 @@ impl<T: Project> Frame<'_, T> {
     pub(super) fn run(&mut self, limits: &Limits) -> Result<Option<SequenceStatus>, InverseError> {
         let problem = self.problem;
         let mut until = limits.first_look.clamp(FIRST, SLOW).max(self.record.iterations + FIRST);
-        let seconds = || limits.start.elapsed().as_secs_f64();
         loop {
-            let mut is_late = false;
-            while self.record.iterations < until && !is_late {
-                let left = limits.iterations.saturating_sub(self.record.iterations).max(1);
-                let count = CLOCK.min(until - self.record.iterations).min(left);
-                let pace = Pace { smoothing: self.scale.smoothing, rho: RHO };
-                let Engine { state, data, look_seconds, .. } = &mut *self.engine;
-                state.iterate(self.ops, problem, data, pace, count);
-                self.record.iterations += count;
-                is_late = seconds() + *look_seconds >= limits.deadline
-                    || self.record.iterations >= limits.iterations;
-            }
-            let before = seconds();
+            let is_late = self.iterate(limits, until);
+            let before = limits.seconds();
             self.look();
-            let look_seconds = (seconds() - before).max(0.9 * self.engine.look_seconds);
+            let look_seconds = (limits.seconds() - before).max(0.9 * self.engine.look_seconds);
             self.engine.look_seconds = look_seconds;
             let done = self.record.iterations;
             if self.record.gap() <= problem.target_gap {
@@ -209,7 +205,7 @@ impl<T: Project> Frame<'_, T> {
             if done >= limits.iterations {
                 return Ok(Some(SequenceStatus::IterationCap));
             }
-            if is_late || seconds() + look_seconds >= limits.deadline {
+            if is_late || limits.seconds() + look_seconds >= limits.deadline {
                 return Ok(Some(SequenceStatus::Deadline));
             }
             let is_last = limits.give_up == usize::MAX;
@@ -238,6 +234,22 @@ impl<T: Project> Frame<'_, T> {
             }
             self.engine.set_tail(self.ops, Some(&self.record.candidate.residual));
         }
+    }
+
+    /// Iterates until a number of iterations or a limit is reached; returns whether it is a limit.
+    fn iterate(&mut self, limits: &Limits, until: usize) -> bool {
+        let mut is_late = false;
+        while self.record.iterations < until && !is_late {
+            let left = limits.iterations.saturating_sub(self.record.iterations).max(1);
+            let count = CLOCK.min(until - self.record.iterations).min(left);
+            let pace = Pace { smoothing: self.scale.smoothing, rho: RHO };
+            let Engine { state, data, look_seconds, .. } = &mut *self.engine;
+            state.iterate(self.ops, self.problem, data, pace, count);
+            self.record.iterations += count;
+            is_late = limits.seconds() + *look_seconds >= limits.deadline
+                || self.record.iterations >= limits.iterations;
+        }
+        is_late
     }
 
     /// Evaluates the candidate and bounds; keeps the best of each.

@@ -74,6 +74,33 @@ impl Frames {
         }
     }
 
+    /// Counts a frame, and returns whether it needs a new step map: the last one is old, or the innovation is an event.
+    fn needs_map(&mut self, problem: &Problem<'_>) -> bool {
+        self.count += 1;
+        self.map_age += 1;
+        let rows = problem.modes[0].rows;
+        let size = problem.beta(0)[..rows].iter().map(|b| b * b).sum::<f64>().sqrt();
+        let is_event = size > EVENT * self.usual || self.count <= 2;
+        let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
+        self.usual = if self.count <= 2 { size } else { self.usual + step };
+        self.map_age > MAP_EVERY || is_event
+    }
+
+    /// Evaluates the previous image, often the best one without motion, and the zero image; returns the status if
+    /// either needs no iteration.
+    fn try_known(&mut self, problem: &Problem<'_>) -> Option<SequenceStatus> {
+        let record = &mut self.record;
+        record.candidate.change.fill(0.0);
+        record.candidate.evaluate::<f32>(problem, None);
+        record.take();
+        let is_nothing = is_nothing(problem, record);
+        if !is_nothing && record.primal != 0.0 {
+            return None;
+        }
+        record.lower_bound = 0.0;
+        Some(if is_nothing { SequenceStatus::Stalled } else { SequenceStatus::Converged })
+    }
+
     /// Solves a frame.
     pub(super) fn solve(
         &mut self,
@@ -82,18 +109,14 @@ impl Frames {
         settings: &CausalSettings,
         start: Instant,
     ) -> Result<SequenceStatus, InverseError> {
-        self.count += 1;
-        self.map_age += 1;
-        let rows = problem.modes[0].rows;
-        let size = problem.beta(0)[..rows].iter().map(|b| b * b).sum::<f64>().sqrt();
-        let is_event = size > EVENT * self.usual || self.count <= 2;
-        let is_stale = self.map_age > MAP_EVERY || is_event;
-        let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
-        self.usual = if self.count <= 2 { size } else { self.usual + step };
+        let is_stale = self.needs_map(problem);
         self.clear_result();
+        self.scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
+        self.scale.smoothing = SMOOTHING * problem.target_gap * self.scale.image;
+        if let Some(status) = self.try_known(problem) {
+            return Ok(status);
+        }
         let Self { single, double, record, proof, scale, .. } = self;
-        scale.step = if problem.bounds.is_some() { BOUNDED_STEP } else { 1.0 };
-        scale.smoothing = SMOOTHING * problem.target_gap * scale.image;
         let mut limits = Limits {
             iterations: settings.max_iterations,
             start,
@@ -101,16 +124,6 @@ impl Frames {
             give_up: GIVE_UP,
             first_look: self.recent[0].min(self.recent[1]).saturating_sub(4),
         };
-        // the previous image is a candidate, often the best one without motion
-        record.candidate.change.fill(0.0);
-        record.candidate.evaluate::<f32>(problem, None);
-        record.take();
-        let is_nothing = is_nothing(problem, record);
-        if is_nothing || record.primal == 0.0 {
-            record.lower_bound = 0.0;
-            let proven = SequenceStatus::Converged;
-            return Ok(if is_nothing { SequenceStatus::Stalled } else { proven });
-        }
         let is_single = problem.target_gap >= SINGLE_PRECISION_GAP;
         let mut status = None;
         if is_single {

@@ -11,12 +11,17 @@
 //! effect is a tenth of the touch's own. A finger that slides also drags the fabric along, by a distance that falls with
 //! the logarithm (Kelvin's solution; Love, *A Treatise on the Mathematical Theory of Elasticity*, section 148).
 
+use super::TouchDetector;
 use super::dictionary::Dictionary;
+use super::joint::Joint;
 use super::places::Places;
 use super::rows::Rows;
 use super::vectors::dot;
 use super::whitening::Whitening;
+use crate::InverseError;
+use crate::check::check_length;
 use crate::geometry::distance_m;
+use crate::touch::skin::Place;
 use ndarray::ArrayRef2;
 
 /// Spacing of the positions relative to that of the candidate positions: a dent is much wider than
@@ -26,6 +31,15 @@ const SPARSER: f64 = 2.0;
 /// Number of effects of a touch on the fabric around it: a dent, and a drag along each axis of the
 /// skin.
 pub(super) const EFFECTS: usize = 3;
+
+/// A position at which the effects of a touch on the fabric around it are needed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DentPlace {
+    /// Position on the skin, metres.
+    pub position_m: [f64; 3],
+    /// Orthonormal vectors along the skin.
+    pub tangents: [[f64; 3]; 2],
+}
 
 /// Effect on the rows of a dent, and of a drag, at each of some positions.
 #[derive(Debug, Clone)]
@@ -81,9 +95,7 @@ impl Dents {
             }
             for column in EFFECTS * k..EFFECTS * (k + 1) {
                 for (row, folded) in folded.iter_mut().enumerate() {
-                    let of = |i: usize| rows.ratio[i] * dents[(i, column)];
-                    let [i, j] = rows.of[row];
-                    *folded = 0.5 * (of(i) + of(j));
+                    *folded = rows.scaled_mean(row, |i| dents[(i, column)]);
                 }
                 whitening.apply(&folded, &mut whitened);
                 own.iter().for_each(|unit| remove(&mut whitened, unit));
@@ -106,6 +118,36 @@ impl Dents {
         let first = EFFECTS * self.nearest[place];
         let range = (first + which.start) * self.rows..(first + which.end) * self.rows;
         self.columns.get(range).unwrap_or_default()
+    }
+}
+
+impl TouchDetector {
+    /// Returns the positions at which the effects of a touch on the fabric around it are needed,
+    /// see [`with_dents`](Self::with_dents).
+    pub fn dent_places(&self) -> Vec<DentPlace> {
+        let of = |&place: &usize| {
+            let Place { position_m, tangents, .. } = self.places.at[place];
+            DentPlace { position_m, tangents }
+        };
+        self.dents.at.iter().map(of).collect()
+    }
+
+    /// Lets each touch pull the skin towards itself, and drag it along if it slides, as well as electrodes alone.
+    ///
+    /// `dents_v`: effects on the model's voltages, volts per standard deviation, `[measurement, effect]`, three for
+    /// each of [`dent_places`](Self::dent_places) in turn: a pull towards its position, a drag along each of its
+    /// tangents.
+    ///
+    /// # Errors
+    /// Wrong lengths, values of used measurements that are not finite.
+    pub fn with_dents(mut self, dents_v: &ArrayRef2<f64>) -> Result<Self, InverseError> {
+        check_length("rows of the dents", dents_v.nrows(), self.is_missing.len())?;
+        check_length("columns of the dents", dents_v.ncols(), EFFECTS * self.dents.at.len())?;
+        self.rows.check_finite(dents_v)?;
+        self.dents.set(dents_v, &self.rows, &self.whitening, &self.dictionary);
+        let Self { dents, electrodes, places, dictionary, whitening, .. } = &self;
+        self.joint = Some(Joint::new(dents, electrodes, places, dictionary, whitening));
+        Ok(self)
     }
 }
 

@@ -61,7 +61,7 @@ impl Dictionary {
         whitening: &Whitening,
         settings: &DetectorSettings,
     ) -> Result<Self, InverseError> {
-        check_finite(jacobian, rows)?;
+        rows.check_finite(jacobian)?;
         let n = rows.of.len();
         let radius_m = settings.radius_m.max(1.4 * places.spacing_m);
         let (mut volts, tops) = columns(surface, jacobian, places, rows, radius_m);
@@ -221,18 +221,6 @@ impl Dictionary {
     pub(super) fn top(&self, place: usize) -> f64 {
         self.tops[place]
     }
-}
-
-/// Checks both measurements of each row; unused measurements are not read.
-fn check_finite(jacobian: &ArrayRef2<f64>, rows: &Rows) -> Result<(), InverseError> {
-    for &measurement in rows.of.iter().flatten() {
-        let row = jacobian.row(measurement);
-        if let Some(element) = row.iter().position(|v| !v.is_finite()) {
-            let value = row[element];
-            return Err(InverseError::NonFiniteJacobian { measurement, element, value });
-        }
-    }
-    Ok(())
 }
 
 /// Computes the responses, `[place][value, along 1, along 2][row]`, and the peaks.

@@ -105,15 +105,12 @@ impl Places {
 
     /// Returns the point of the skin nearest to a step along the tangents from a spot.
     pub(super) fn moved(&self, from: &Spot, step_m: [f64; 2]) -> Spot {
-        let Place { position_m, tangents, .. } = &self.at[from.place];
-        let step = [0, 1].map(|k| from.step_m[k] + step_m[k]);
-        let to: Point = std::array::from_fn(|i| {
-            position_m[i] + step[0] * tangents[0][i] + step[1] * tangents[1][i]
-        });
+        let home = &self.at[from.place];
+        let to = home.after([0, 1].map(|k| from.step_m[k] + step_m[k]));
         let around = self.around_starts[from.place]..self.around_starts[from.place + 1];
         let (place, way_m) = self.nearest_of_places(self.around[around].iter().copied(), to);
         // positions outside of the neighbourhood are at least this far away
-        if way_m <= AROUND * self.spacing_m - distance_m(*position_m, to) {
+        if way_m <= AROUND * self.spacing_m - distance_m(home.position_m, to) {
             self.spot_near(place, to)
         } else {
             self.nearest(to)
@@ -160,10 +157,7 @@ impl Places {
     fn spot_near(&self, place: usize, point_m: Point) -> Spot {
         let triangles = &self.near[self.starts[place]..self.starts[place + 1]];
         let position_m = nearest_of(triangles.iter().map(|c| nearest_in(*c, point_m)), point_m);
-        let Place { position_m: home, tangents, .. } = &self.at[place];
-        let along = |t: &Point| (0..3).map(|i| t[i] * (position_m[i] - home[i])).sum();
-        let step_m = [along(&tangents[0]), along(&tangents[1])];
-        Spot { place, step_m, position_m, spread_m2: None }
+        Spot { place, step_m: self.at[place].step_to(position_m), position_m, spread_m2: None }
     }
 }
 

@@ -17,7 +17,8 @@ use super::TouchDetector;
 use super::evidence::Evidence;
 use super::joint::{Found, remove_all};
 use super::places::Spot;
-use super::search::{Fit, MERGE, Scene};
+use super::scene::{Fit, Scene};
+use super::search::MERGE;
 use super::vectors::dot;
 use crate::geometry::distance_m;
 
@@ -122,8 +123,7 @@ impl TouchDetector {
     /// Fits touches with their own actions and returns their cost.
     fn cost(&mut self, fit: &mut Fit) -> f64 {
         let rest = self.assess(fit, None);
-        let evidence = self.evidence();
-        evidence.cost(rest) + self.scene().price(&fit.spots)
+        self.evidence().cost(rest) + self.scene().price(&fit.spots)
     }
 
     /// Drops touches that explain too little even together with their actions.
@@ -202,7 +202,7 @@ impl TouchDetector {
     fn assess(&mut self, fit: &mut Fit, pressed: Option<[f64; 3]>) -> f64 {
         self.free(fit, pressed);
         let scene = scene!(self);
-        self.search.fit(&scene, &self.whitened, fit);
+        self.search.fit(&scene, fit);
         fit.rest + self.whitening.log_determinant()
     }
 
@@ -217,25 +217,23 @@ impl TouchDetector {
         }
         self.whitening.free(&electrodes.actions, &electrodes.dented);
         electrodes.actions.truncate(own);
-        self.whitened.copy_from_slice(&self.white);
-        self.whitening.project(&mut self.whitened);
-        self.memory.prepare(&self.whitening);
+        self.project();
     }
 
     fn strengths(&mut self, fit: &mut Fit) {
         let scene = scene!(self);
-        self.search.fit_strengths(&scene, &self.whitened, fit);
+        self.search.fit_strengths(&scene, fit);
     }
 
     fn evidence(&mut self) -> Evidence {
         self.whitening.expect();
-        Evidence::new(self.whitening.expected(), self.whitening.present())
+        self.scene().evidence()
     }
 
     fn weigh(&mut self, fit: &mut Fit) {
-        let evidence = self.evidence();
+        self.whitening.expect();
         let scene = scene!(self);
-        self.search.weigh(&scene, &self.whitened, fit, evidence);
+        self.search.weigh(&scene, fit);
     }
 
     /// Moves a touch to where it explains most together with its actions.

@@ -1,7 +1,9 @@
 //! Rows of the detector: a measurement and its reciprocal form one row.
 
 use crate::InverseError;
+use crate::check::check_finite;
 use eit_core::median;
+use ndarray::ArrayRef2;
 
 /// Rows of the detector: each is the mean of a measurement and its reciprocal, or a single measurement.
 #[derive(Debug, Clone)]
@@ -121,6 +123,18 @@ impl Rows {
     pub(in crate::touch) fn ratio_of_row(&self, row: usize) -> f64 {
         let [i, j] = self.of[row];
         0.5 * (self.ratio[i] + self.ratio[j])
+    }
+
+    /// Checks both measurements of each row; unused measurements are not read.
+    pub(super) fn check_finite(&self, derivatives: &ArrayRef2<f64>) -> Result<(), InverseError> {
+        let mut used = self.of.iter().flatten();
+        used.try_for_each(|&measurement| check_finite(measurement, derivatives.row(measurement)))
+    }
+
+    /// Mean of a model's derivatives with respect to one unknown of both measurements of a row, scaled by their ratios.
+    pub(super) fn scaled_mean(&self, row: usize, derivative: impl Fn(usize) -> f64) -> f64 {
+        let [first, second] = self.of[row].map(|i| self.ratio[i] * derivative(i));
+        0.5 * (first + second)
     }
 
     /// Averages values `[measurement]` into rows.

@@ -56,6 +56,18 @@ pub struct DetectorStep {
     pub is_explained: bool,
 }
 
+impl DetectorStep {
+    /// A frame without memory or a faulty electrode, of these squared lengths before and after fitting touches.
+    pub(in crate::touch) fn new(
+        rows: usize,
+        [chi_square, chi_square_rest]: [f64; 2],
+        is_explained: bool,
+    ) -> Self {
+        let (chi_square_without, blamed) = (chi_square, None);
+        Self { rows, chi_square, chi_square_without, chi_square_rest, blamed, is_explained }
+    }
+}
+
 /// Largest residual of an explained frame, over its number of rows. Simulated fabrics leave up to
 /// 50 with the touches that were found and up to 7 without any; frames whose voltages change the
 /// other way leave 1 000 and more.

@@ -20,7 +20,7 @@ const FAINT: f64 = 1e-3;
 /// A lost row has infinite variance: of whitened data `y` and columns `d`, only the part orthogonal to
 /// `W e_i` of each lost row `i` remains. The result equals that of dropping the rows and factorising again,
 /// for `2 n k` flops per vector.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Whitening {
     rows: usize,
     /// Noise of each row, squared volts.
@@ -71,26 +71,16 @@ impl Whitening {
         let expected = (0..rows)
             .map(|i| (0..=i).map(|j| inverse[(i, j)].powi(2) * variances[j]).sum::<f64>())
             .sum();
-        let variances = variances.to_vec();
-        let expected_of_all = expected;
         Ok(Self {
             rows,
-            variances,
-            expected_of_all,
+            variances: variances.to_vec(),
+            expected_of_all: expected,
             expected,
             is_expected: true,
             packed,
-            lost: Vec::new(),
-            local: Vec::new(),
-            local_left: Vec::new(),
-            free: Vec::new(),
-            free_columns: Vec::new(),
-            further: Vec::new(),
-            directions: Vec::new(),
-            kept: Vec::new(),
-            state: 0,
             work: vec![0.0; rows],
             back: vec![0.0; rows],
+            ..Self::default()
         })
     }
 

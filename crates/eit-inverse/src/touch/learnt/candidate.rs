@@ -2,7 +2,7 @@
 
 use super::places::SkinPlaces;
 use super::thresholds::Stated;
-use eit_core::vector::sub;
+use eit_core::vector::{dot, sub};
 
 /// A touch of a hypothesis.
 #[derive(Debug, Clone, Default)]
@@ -69,17 +69,12 @@ impl Candidate {
         stated: &Stated,
     ) -> (f64, f64) {
         let (position_m, covariance) = self.place(places, stated);
-        let tangents = &places.at[self.place].tangents;
-        let along =
-            |t: &[f64; 3], v: [f64; 3]| -> f64 { t.iter().zip(v).map(|(a, b)| a * b).sum() };
-        let times = |t: &[f64; 3]| covariance.map(|row| along(t, row));
+        let [first, second] = places.at[self.place].tangents;
+        let times = |t: [f64; 3]| covariance.map(|row| dot(t, row));
         let way = sub(position_m, truth_m);
-        let [x, y] = [along(&tangents[0], way), along(&tangents[1], way)];
-        let [a, b, c] = [
-            along(&tangents[0], times(&tangents[0])),
-            along(&tangents[0], times(&tangents[1])),
-            along(&tangents[1], times(&tangents[1])),
-        ];
+        let [x, y] = [dot(first, way), dot(second, way)];
+        let (a, b, c) =
+            (dot(first, times(first)), dot(first, times(second)), dot(second, times(second)));
         let determinant = (a * c - b * b).max(f64::MIN_POSITIVE);
         ((c * x * x - 2.0 * b * x * y + a * y * y) / determinant, determinant)
     }

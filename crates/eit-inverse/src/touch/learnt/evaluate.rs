@@ -1,13 +1,12 @@
 //! Strength and score of one more touch at many places: all that a frame costs.
 
-use super::basis::{Basis, LANES, minus2};
+use super::basis::{LANES, minus2};
+use super::search::Skin;
 use pulp::{Simd, WithSimd};
 
 /// Strength and -2 ln L of one more touch at each of some places.
 pub(super) struct Evaluate<'a> {
-    pub(super) basis: &'a Basis,
-    /// Variance of the response at each place.
-    pub(super) of_places: &'a [f64],
+    pub(super) skin: Skin<'a>,
     pub(super) places: &'a [usize],
     pub(super) rest: &'a [f64],
     pub(super) variance: &'a [f64],
@@ -23,7 +22,8 @@ impl WithSimd for Evaluate<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { basis, of_places, places, rest, variance, first, rounds, freedom, .. } = self;
+        let Self { skin, places, rest, variance, first, rounds, freedom, .. } = self;
+        let Skin { basis, of_places, .. } = skin;
         let outs = self.strengths.iter_mut().zip(self.scores.iter_mut());
         for (&place, (strength, score)) in places.iter().zip(outs) {
             let response = basis.response(place);

@@ -15,6 +15,15 @@ const ROUNDS: [usize; 2] = [1, 3];
 /// Most touches that any settings allow.
 const MOST: usize = 16;
 
+/// What a search needs of the skin.
+#[derive(Clone, Copy)]
+pub(super) struct Skin<'a> {
+    pub(super) basis: &'a Basis,
+    /// Variance of the response at each place.
+    pub(super) of_places: &'a [f64],
+    pub(super) places: &'a SkinPlaces,
+}
+
 /// What a frame shows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Looked {
@@ -93,26 +102,24 @@ impl Search {
     /// Finds the touches of a difference over all channels, in units of the scales.
     pub(super) fn look(
         &mut self,
-        basis: &Basis,
-        map: &ResponseMap,
-        places: &SkinPlaces,
+        skin: Skin<'_>,
         thresholds: &Thresholds,
         difference: &[f64],
     ) -> Looked {
-        let of_places = map.variance.as_slice().unwrap_or_default();
-        let mut best = self.take(basis, difference);
+        let places = skin.places;
+        let mut best = self.take(skin.basis, difference);
         let whole = best.rest;
         let mut evidence = 0.0;
         while self.found.len() < self.most {
             let is_first = self.found.is_empty();
-            let mut fit = self.add(basis, of_places, places, ROUNDS[usize::from(!is_first)], false);
+            let mut fit = self.add(skin, ROUNDS[usize::from(!is_first)], false);
             let mut gained = best.minus2 - fit.minus2;
             if is_first {
                 evidence = gained;
             }
             if !is_first && gained < self.need(places, thresholds) && !self.is_far(places) {
                 // not one near the others, but perhaps one far from them
-                fit = self.add(basis, of_places, places, ROUNDS[1], true);
+                fit = self.add(skin, ROUNDS[1], true);
                 gained = best.minus2 - fit.minus2;
             }
             if gained < self.need(places, thresholds) {
@@ -121,7 +128,7 @@ impl Search {
             self.accept(gained);
             best = fit;
         }
-        self.look_far(basis, of_places, places);
+        self.look_far(skin);
         Looked { touches: self.found.len(), evidence, whole, rest: best.rest }
     }
 
@@ -141,14 +148,14 @@ impl Search {
     }
 
     /// Evaluates each of the found touches at all coarse places, the others fixed.
-    fn look_far(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces) {
+    fn look_far(&mut self, skin: Skin<'_>) {
         std::mem::swap(&mut self.found, &mut self.tried);
         for k in 0..self.tried.len() {
-            self.leave(basis, of_places, Some(k));
-            self.evaluate(basis, of_places, &places.coarse, self.tried[k].strength, 1);
+            self.leave(skin, Some(k));
+            self.evaluate(skin, &skin.places.coarse, self.tried[k].strength, 1);
             let touch = &mut self.tried[k];
             touch.far.clear();
-            touch.far.extend_from_slice(&self.scores[..places.coarse.len()]);
+            touch.far.extend_from_slice(&self.scores[..skin.places.coarse.len()]);
         }
         std::mem::swap(&mut self.found, &mut self.tried);
     }
@@ -166,15 +173,9 @@ impl Search {
     }
 
     /// -2 ln L that one touch gains over none, and its squared rest; the touch is then found.
-    pub(super) fn first(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &SkinPlaces,
-        difference: &[f64],
-    ) -> (f64, f64) {
-        let none = self.take(basis, difference);
-        let one = self.add(basis, of_places, places, ROUNDS[0], false);
+    pub(super) fn first(&mut self, skin: Skin<'_>, difference: &[f64]) -> (f64, f64) {
+        let none = self.take(skin.basis, difference);
+        let one = self.add(skin, ROUNDS[0], false);
         let gained = none.minus2 - one.minus2;
         self.one = one.minus2;
         if !self.tried.is_empty() {
@@ -184,53 +185,35 @@ impl Search {
     }
 
     /// The touch that [`first`](Self::first) found.
-    pub(super) fn first_found(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &SkinPlaces,
-    ) -> Option<&Candidate> {
-        self.look_far(basis, of_places, places);
+    pub(super) fn first_found(&mut self, skin: Skin<'_>) -> Option<&Candidate> {
+        self.look_far(skin);
         self.found.first()
     }
 
     /// -2 ln L that a second touch, anywhere or far from it, gains over the first, which [`first`](Self::first) found.
-    pub(super) fn second(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &SkinPlaces,
-        is_far: bool,
-    ) -> f64 {
-        self.one - self.add(basis, of_places, places, ROUNDS[1] - 1, is_far).minus2
+    pub(super) fn second(&mut self, skin: Skin<'_>, is_far: bool) -> f64 {
+        self.one - self.add(skin, ROUNDS[1] - 1, is_far).minus2
     }
 
     /// Tries one more touch than are found, anywhere or far from all of them.
-    fn add(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &SkinPlaces,
-        rounds: usize,
-        is_far: bool,
-    ) -> Fit {
+    fn add(&mut self, skin: Skin<'_>, rounds: usize, is_far: bool) -> Fit {
         self.spare.append(&mut self.tried);
         for k in 0..self.found.len() {
             let mut copy = self.spare.pop().unwrap_or_default();
             (copy.place, copy.strength) = (self.found[k].place, self.found[k].strength);
             self.tried.push(copy);
         }
-        self.leave(basis, of_places, None);
-        let (place, strength) = self.best_place(basis, of_places, places, is_far);
+        self.leave(skin, None);
+        let (place, strength) = self.best_place(skin, is_far);
         let mut new = self.spare.pop().unwrap_or_default();
         (new.place, new.strength) = (place, strength);
         self.tried.push(new);
         for _ in 0..rounds {
             for k in 0..self.tried.len() {
-                self.refine(basis, of_places, places, k);
+                self.refine(skin, k);
             }
             if self.tried.len() > 1 {
-                self.strengths_together(basis, of_places);
+                self.strengths_together(skin);
             }
         }
         for k in (0..self.tried.len()).rev() {
@@ -239,8 +222,8 @@ impl Search {
                 self.spare.push(dropped);
             }
         }
-        self.leave(basis, of_places, None);
-        self.fit(basis)
+        self.leave(skin, None);
+        self.fit(skin.basis)
     }
 
     fn accept(&mut self, gained: f64) {
@@ -254,16 +237,16 @@ impl Search {
     }
 
     /// Sets rest and variance to those of the tried touches but one.
-    fn leave(&mut self, basis: &Basis, of_places: &[f64], but: Option<usize>) {
+    fn leave(&mut self, skin: Skin<'_>, but: Option<usize>) {
         self.rest.copy_from_slice(&self.frame);
         self.variance.fill(1.0);
         for (_, touch) in self.tried.iter().enumerate().filter(|(k, _)| Some(*k) != but) {
-            let weight = touch.strength * touch.strength * of_places[touch.place];
-            let response = basis.response(touch.place);
+            let weight = touch.strength * touch.strength * skin.of_places[touch.place];
+            let response = skin.basis.response(touch.place);
             for (rest, g) in self.rest.iter_mut().zip(response) {
                 *rest -= touch.strength * g;
             }
-            for (variance, lambda) in self.variance.iter_mut().zip(&basis.lambda) {
+            for (variance, lambda) in self.variance.iter_mut().zip(&skin.basis.lambda) {
                 *variance += weight * lambda;
             }
         }
@@ -281,19 +264,11 @@ impl Search {
     }
 
     /// Evaluates one more touch at some places into `strengths` and `scores`.
-    fn evaluate(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &[usize],
-        first: f64,
-        rounds: usize,
-    ) {
+    fn evaluate(&mut self, skin: Skin<'_>, places: &[usize], first: f64, rounds: usize) {
         let Self { arch, freedom, rest, variance, strengths, scores, .. } = self;
         let freedom = *freedom;
         arch.dispatch(Evaluate {
-            basis,
-            of_places,
+            skin,
             places,
             rest,
             variance,
@@ -306,18 +281,13 @@ impl Search {
     }
 
     /// Best coarse place for one more touch, anywhere or far from all others, and its strength.
-    fn best_place(
-        &mut self,
-        basis: &Basis,
-        of_places: &[f64],
-        places: &SkinPlaces,
-        is_far: bool,
-    ) -> (usize, f64) {
+    fn best_place(&mut self, skin: Skin<'_>, is_far: bool) -> (usize, f64) {
+        let Skin { basis, places, .. } = skin;
         let square: f64 = self.rest.iter().zip(&self.variance).map(|(r, v)| r * r / v).sum();
         let guess = ((square - basis.channels.len() as f64).max(1e-9) / basis.typical2).sqrt();
         let mut best = (f64::INFINITY, places.coarse.first().copied().unwrap_or(0), 0.0);
         for start in STARTS {
-            self.evaluate(basis, of_places, &places.coarse, start * guess, 1);
+            self.evaluate(skin, &places.coarse, start * guess, 1);
             let evaluated = self.scores.iter().zip(&self.strengths).zip(&places.coarse);
             for ((&score, &strength), &place) in evaluated {
                 let is_beside = |touch: &Candidate| !places.are_far(touch.place, place);
@@ -331,11 +301,11 @@ impl Search {
     }
 
     /// Moves one of the tried touches to the best fine place near it, the others fixed.
-    fn refine(&mut self, basis: &Basis, of_places: &[f64], places: &SkinPlaces, k: usize) {
-        self.leave(basis, of_places, Some(k));
-        let home = places.home(self.tried[k].place);
-        let near = &places.near[home];
-        self.evaluate(basis, of_places, near, self.tried[k].strength, 2);
+    fn refine(&mut self, skin: Skin<'_>, k: usize) {
+        self.leave(skin, Some(k));
+        let home = skin.places.home(self.tried[k].place);
+        let near = &skin.places.near[home];
+        self.evaluate(skin, near, self.tried[k].strength, 2);
         let scores = self.scores[..near.len()].iter().enumerate();
         let best = scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(at, _)| at);
         let (place, strength) = (near[best], self.strengths[best]);
@@ -346,18 +316,18 @@ impl Search {
     }
 
     /// Refits all strengths together, unless one falls below zero.
-    fn strengths_together(&mut self, basis: &Basis, of_places: &[f64]) {
-        self.leave(basis, of_places, None);
+    fn strengths_together(&mut self, skin: Skin<'_>) {
+        self.leave(skin, None);
         let count = self.tried.len().min(MOST);
         let mut matrix = [[0.0; MOST + 1]; MOST];
         for (i, (row, touch)) in matrix.iter_mut().zip(&self.tried).enumerate() {
-            let response = basis.response(touch.place);
+            let response = skin.basis.response(touch.place);
             let weighted = |other: &[f64]| -> f64 {
                 let values = response.iter().zip(other).zip(&self.variance);
                 values.map(|((g, o), v)| g * o / v).sum()
             };
             for (value, other) in row.iter_mut().zip(&self.tried) {
-                *value = weighted(basis.response(other.place));
+                *value = weighted(skin.basis.response(other.place));
             }
             row[i] += 1e-9;
             row[MOST] = weighted(&self.frame);

@@ -3,7 +3,7 @@
 use super::basis::Basis;
 use super::candidate::Candidate;
 use super::places::SkinPlaces;
-use super::search::Search;
+use super::search::{Search, Skin};
 use super::{LearntSettings, ResponseMap, Untouched};
 use crate::InverseError;
 use crate::learn::{chi_square_level, f_level, folds, tail_level};
@@ -121,9 +121,10 @@ impl Thresholds {
             let (held, others): (Vec<usize>, Vec<usize>) =
                 (0..count).partition(|k| k % STEP_FOLDS == fold);
             let basis = basis_of(&steps.select(Axis(0), &others))?;
+            let skin = Skin { basis: &basis, of_places: &variance, places };
             for k in held {
                 let step = steps.row(k).to_vec();
-                gains.push(search.first(&basis, &variance, places, &step).0);
+                gains.push(search.first(skin, &step).0);
             }
         }
         let probability = (self.settings.alarms_hz * untouched.interval_s).min(0.5);
@@ -146,10 +147,11 @@ impl Thresholds {
             let (responses, variance) = map.without(&fold)?;
             let variance = variance.to_vec();
             let without = basis.with_responses(&responses, map.unit);
+            let skin = Skin { basis: &without, of_places: &variance, places };
             for &press in &fold {
                 let change = map.changes.row(press).to_vec();
-                let (gained, rest) = search.first(&without, &variance, places, &change);
-                let Some(found) = search.first_found(&without, &variance, places) else { continue };
+                let (gained, rest) = search.first(skin, &change);
+                let Some(found) = search.first_found(skin) else { continue };
                 let (place, strength) = (found.place, found.strength);
                 kept.push((held.len(), found.clone()));
                 let is_explained = rest <= change.len() as f64 * self.explained;
@@ -162,7 +164,7 @@ impl Thresholds {
                     rest: rest_part(&change, &responses, place),
                 });
                 for (is_far, seconds) in [false, true].into_iter().zip(&mut seconds) {
-                    seconds.push(search.second(&without, &variance, places, is_far));
+                    seconds.push(search.second(skin, is_far));
                 }
             }
         }

@@ -12,11 +12,11 @@
 //!
 //! Set-up takes `2 n E 7` flops a place for `E` triangles: 6 Mflop with 104 rows and 3 800 triangles.
 
+use super::model::ScoreModel;
 use super::places::Grid;
 use super::settings::ScoreSettings;
 use crate::geometry::distance_m;
-use crate::touch::detector::{Rows, UnknownKind};
-use eit_mesh::Surface;
+use crate::touch::detector::{DetectorModel, Rows, UnknownKind};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use ndarray::ArrayRef2;
@@ -60,22 +60,19 @@ pub(super) struct Dictionary {
 }
 
 /// What [`Dictionary::new`] needs of a skin.
-pub(super) struct Effects<'a> {
-    pub(super) surface: &'a Surface,
-    pub(super) jacobian: &'a ArrayRef2<f64>,
+pub(super) struct Effects<'a, 'm> {
+    pub(super) given: &'a ScoreModel<'m>,
     pub(super) rows: &'a Rows,
     /// Factor of each row: its ratio of measured to modelled voltage, over its noise.
     pub(super) scale: &'a [f64],
-    pub(super) conductivity_s: f64,
     /// Folded and scaled columns of the unknowns, `[unknown][row]`, per metre and unit of ln z.
     pub(super) unknowns: &'a [f64],
-    pub(super) kinds: &'a [UnknownKind],
     /// Effects on the voltages at [`Grid::dents`], `[measurement, (place, effect)]`, volts per metre; may be empty.
     pub(super) dents_v: &'a ArrayRef2<f64>,
 }
 
 impl Dictionary {
-    pub(super) fn new(grid: &Grid, effects: &Effects<'_>, settings: &ScoreSettings) -> Self {
+    pub(super) fn new(grid: &Grid, effects: &Effects<'_, '_>, settings: &ScoreSettings) -> Self {
         let n = effects.rows.of.len();
         let mut made =
             Self { n, columns: vec![0.0; grid.at.len() * COLUMNS * n], tops: Vec::new() };
@@ -83,7 +80,9 @@ impl Dictionary {
         made.set_dents(grid, effects);
         for (place, columns) in made.columns.chunks_exact_mut(COLUMNS * n).enumerate() {
             let at_m = grid.at[place].position_m;
-            for (kind, unknown) in effects.kinds.iter().zip(effects.unknowns.chunks_exact(n)) {
+            for (kind, unknown) in
+                effects.given.skin.kinds.iter().zip(effects.unknowns.chunks_exact(n))
+            {
                 let (column, share) = match kind {
                     UnknownKind::Displacement { at_m: own_m, along } => {
                         let way: f64 = (0..3).map(|i| (at_m[i] - own_m[i]) * along[i]).sum();
@@ -108,8 +107,9 @@ impl Dictionary {
         &self.columns[place * COLUMNS * self.n..(place + 1) * COLUMNS * self.n]
     }
 
-    fn set_prints(&mut self, grid: &Grid, effects: &Effects<'_>, settings: &ScoreSettings) {
-        let Effects { surface, jacobian, rows, scale, conductivity_s, .. } = *effects;
+    fn set_prints(&mut self, grid: &Grid, effects: &Effects<'_, '_>, settings: &ScoreSettings) {
+        let Effects { given: ScoreModel { skin, conductivity_s, .. }, rows, scale, .. } = *effects;
+        let DetectorModel { surface, jacobian, .. } = skin;
         let (n, elements) = (self.n, surface.triangles().len());
         let folded = Mat::from_fn(n, elements, |row, e| {
             let [i, j] = rows.of[row];
@@ -158,7 +158,7 @@ impl Dictionary {
     }
 
     /// Interpolates the deformations between their sparser places.
-    fn set_dents(&mut self, grid: &Grid, effects: &Effects<'_>) {
+    fn set_dents(&mut self, grid: &Grid, effects: &Effects<'_, '_>) {
         let n = self.n;
         if effects.dents_v.ncols() != 3 * grid.dents.len() {
             return;

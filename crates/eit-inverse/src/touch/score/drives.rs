@@ -37,7 +37,7 @@ pub(super) struct Halves {
 }
 
 /// Effects of drives in a frame.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Scan {
     /// Most probable offsets of drives, volts, relative to the reference; then the part of a frame's time that a scan takes.
     fit: Vec<f64>,
@@ -52,15 +52,9 @@ pub(super) struct Scan {
 
 impl Scan {
     pub(super) fn new(model: &Model) -> Self {
-        Self {
-            fit: vec![0.0; model.drives.len() + 1],
-            covariance: Symmetric::zeros(model.drives.len() + 1),
-            part: 0.0,
-            variance: SCAN * SCAN,
-            precision: Symmetric::default(),
-            factor: Factor::default(),
-            work: Vec::new(),
-        }
+        let count = model.offsets_v.len() + 1;
+        let (fit, covariance) = (vec![0.0; count], Symmetric::zeros(count));
+        Self { fit, covariance, variance: SCAN * SCAN, ..Self::default() }
     }
 
     /// Fits the effects to the halves of rows.
@@ -69,8 +63,8 @@ impl Scan {
         let (all, s) = (fit.len(), fit.len() - 1);
         precision.reset(all);
         fit.fill(0.0);
-        for (d, drive) in model.drives.iter().enumerate() {
-            precision.add_at(d, d, drive.offset_v.max(f64::MIN_POSITIVE.sqrt()).powi(-2));
+        for (d, offset_v) in model.offsets_v.iter().enumerate() {
+            precision.add_at(d, d, offset_v.max(f64::MIN_POSITIVE.sqrt()).powi(-2));
         }
         precision.add_at(s, s, self.variance.recip());
         fit[s] = self.part / self.variance;

@@ -36,7 +36,7 @@ const TORN: f64 = 1e-4;
 const LOWER: f64 = 1e-3;
 
 /// Searches for the best hypothesis of a frame.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Search {
     pub(super) estimator: Estimator,
     /// `d'(S + E)^-1 d` at the coarse places, rows that were present, and the next place to refresh.
@@ -57,24 +57,6 @@ pub(super) struct Search {
 }
 
 impl Search {
-    pub(super) fn new() -> Self {
-        Self {
-            estimator: Estimator::default(),
-            squares: Vec::new(),
-            present: Vec::new(),
-            next: 0,
-            known: 0.0,
-            turn: 0,
-            residual: Vec::new(),
-            back: Vec::new(),
-            bells: Vec::new(),
-            best: Vec::new(),
-            span: Symmetric::default(),
-            of_span: Factor::default(),
-            products: Vec::new(),
-        }
-    }
-
     /// Score with the cost of the last frame's touches that a hypothesis lets end. In a frame that is damaged as a whole all
     /// variances are larger by an unknown factor: as much as fits best.
     pub(super) fn total(&self, h: &Hypothesis) -> f64 {

@@ -5,9 +5,10 @@ use super::linear::Symmetric;
 use super::places::Grid;
 use super::settings::ScoreSettings;
 use crate::InverseError;
-use crate::check::{check_length, check_positive};
-use crate::touch::detector::{DentPlace, DetectorModel, Rows, UnknownKind, check, dot};
+use crate::check::{check_finite, check_length, check_positive};
+use crate::touch::detector::{DetectorModel, Rows, UnknownKind, check, dot};
 use eit_core::median;
+use eit_mesh::Surface;
 use faer::Mat;
 use ndarray::{ArrayRef2, ArrayView2, Axis};
 
@@ -37,13 +38,6 @@ const ABOVE_NOISE: f64 = 1.2;
 
 /// Least variance of a row's noise, relative to the median: quiet frames are few, and their rounding may hide noise.
 const LEAST_NOISE: f64 = 0.05;
-
-/// A drive of the current.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Drive {
-    /// Standard deviation of the offset of its voltages under a touch.
-    pub(super) offset_v: f64,
-}
 
 /// Model of a skin.
 #[derive(Debug, Clone)]
@@ -87,21 +81,15 @@ pub(super) struct Model {
     pub(super) conductivity_s: f64,
     pub(super) step_v: f64,
     pub(super) reference_frames: usize,
-    /// Drives, that of each measurement, and those of each row's halves.
-    pub(super) drives: Vec<Drive>,
+    /// Standard deviation of the offset of each drive's voltages under a touch; the drive of each measurement, and
+    /// those of each row's halves.
+    pub(super) offsets_v: Vec<f64>,
     pub(super) drive_of: Vec<usize>,
     of_drives: Vec<[usize; 2]>,
 }
 
 impl Model {
-    /// Places at which the deformations of the fabric are needed.
-    pub(super) fn dent_places(
-        model: &DetectorModel<'_>,
-        settings: &ScoreSettings,
-    ) -> Vec<DentPlace> {
-        Grid::new(model.surface, settings.pitch_m).dent_places()
-    }
-
+    /// Computes what is known of a skin.
     pub(super) fn new(
         given: &ScoreModel<'_>,
         dents_v: &ArrayRef2<f64>,
@@ -117,31 +105,17 @@ impl Model {
         let row_noise_v: Vec<f64> =
             rows.of.iter().map(|&[i, j]| row_noise(&noise_v, i, j)).collect();
         let scale: Vec<f64> = (0..n).map(|row| rows.ratio_of_row(row) / row_noise_v[row]).collect();
-        let unknowns: Vec<f64> = (0..skin.kinds.len())
-            .flat_map(|k| fold(&rows, move |i| skin.unknowns[(i, k)]))
-            .zip(scale.iter().cycle())
-            .map(|(unknown, scale)| scale * unknown)
-            .collect();
+        let unknowns = scaled_unknowns(skin, &rows, &scale);
         let grid = Grid::new(skin.surface, settings.pitch_m);
-        let [low, high] = skin.surface.bounds_m();
-        let effects = Effects {
-            surface: skin.surface,
-            jacobian: skin.jacobian,
-            rows: &rows,
-            scale: &scale,
-            conductivity_s: given.conductivity_s,
-            unknowns: &unknowns,
-            kinds: skin.kinds,
-            dents_v,
-        };
+        let effects = Effects { given, rows: &rows, scale: &scale, unknowns: &unknowns, dents_v };
         let dictionary = Dictionary::new(&grid, &effects, settings);
         let reference: Vec<f64> = fold(&rows, |i| known_v[i]).collect();
         let sheet: Vec<f64> =
             reference.iter().zip(&row_noise_v).map(|(v, noise)| v / noise).collect();
         let [(moved_at, moved), (contact_at, contact)] = split(skin.kinds, &unknowns, n);
         let of: Vec<Vec<bool>> = skin.of_electrode.iter().map(|all| involves(&rows, all)).collect();
-        let square = |of: &Vec<bool>| {
-            of.iter().zip(&sheet).filter(|(of, _)| **of).map(|(_, s)| s * s).sum::<f64>()
+        let square = |of: &Vec<bool>| -> f64 {
+            of.iter().zip(&sheet).filter(|(of, _)| **of).map(|(_, s)| s * s).sum()
         };
         let area_m2: f64 = skin.surface.areas_m2().iter().sum();
         Ok(Self {
@@ -152,7 +126,7 @@ impl Model {
             waves: waves(&rows, &row_noise_v, skin.quiet_v),
             gain_squares: of.iter().map(square).collect(),
             area_m2,
-            half_m: (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max),
+            half_m: half_m(skin.surface),
             conductivity_s: given.conductivity_s / rows.gain(),
             grid,
             dictionary,
@@ -169,7 +143,7 @@ impl Model {
             of_electrode: skin.of_electrode.to_vec(),
             step_v: given.step_v,
             reference_frames: given.reference_frames.max(1),
-            drives: drives(given, settings),
+            offsets_v: offsets_v(given, settings),
             drive_of: given.drive.to_vec(),
             of_drives: rows.of.iter().map(|pair| pair.map(|i| given.drive[i])).collect(),
             rows,
@@ -178,7 +152,7 @@ impl Model {
 
     /// When a measurement is taken in a scan, from 0 to 1.
     pub(super) fn time(&self, measurement: usize) -> f64 {
-        self.drive_of[measurement] as f64 / self.drives.len() as f64
+        self.drive_of[measurement] as f64 / self.offsets_v.len() as f64
     }
 
     /// Rows, with the drives of their halves.
@@ -202,13 +176,13 @@ fn field(dictionary: &Dictionary, grid: &Grid, area_m2: f64, bell_m: f64, n: usi
     covariance
 }
 
-/// The drives, with the mean of their measurements' common potential.
-fn drives(given: &ScoreModel<'_>, s: &ScoreSettings) -> Vec<Drive> {
+/// Offset of each drive, from the mean of its measurements' common potential.
+fn offsets_v(given: &ScoreModel<'_>, s: &ScoreSettings) -> Vec<f64> {
     let count = given.drive.iter().max().map_or(0, |last| last + 1);
     let of = |drive: usize| {
         let own = given.drive.iter().zip(given.common_v).filter(|(d, _)| **d == drive);
         let (count, sum) = own.fold((0.0_f64, 0.0), |(n, sum), (_, v)| (n + 1.0, sum + v));
-        Drive { offset_v: s.common_mode * s.press * (sum / count.max(1.0)).abs() }
+        s.common_mode * s.press * (sum / count.max(1.0)).abs()
     };
     (0..count).map(of).collect()
 }
@@ -216,6 +190,18 @@ fn drives(given: &ScoreModel<'_>, s: &ScoreSettings) -> Vec<Drive> {
 /// Means of values of measurements in each row.
 fn fold(rows: &Rows, value: impl Fn(usize) -> f64) -> impl Iterator<Item = f64> {
     rows.of.iter().map(move |&[i, j]| 0.5 * (value(i) + value(j)))
+}
+
+/// Effects of unknowns in units of each row's noise, `[unknown][row]`.
+fn scaled_unknowns(skin: &DetectorModel<'_>, rows: &Rows, scale: &[f64]) -> Vec<f64> {
+    let unknowns = (0..skin.kinds.len()).flat_map(|k| fold(rows, move |i| skin.unknowns[(i, k)]));
+    unknowns.zip(scale.iter().cycle()).map(|(unknown, scale)| scale * unknown).collect()
+}
+
+/// Half of the longer side of a skin.
+fn half_m(surface: &Surface) -> f64 {
+    let [low, high] = surface.bounds_m();
+    (0..3).map(|k| 0.5 * (high[k] - low[k])).fold(f64::MIN_POSITIVE, f64::max)
 }
 
 /// Which rows have one of some measurements.
@@ -272,6 +258,7 @@ fn row_noise(std_v: &[f64], i: usize, j: usize) -> f64 {
     if i == j { std_v[i] } else { 0.5 * std_v[i].hypot(std_v[j]) }
 }
 
+/// Rejects lengths that do not match, and used values that are not finite.
 fn check_all(given: &ScoreModel<'_>, dents_v: &ArrayRef2<f64>) -> Result<(), InverseError> {
     let skin = &given.skin;
     check(skin)?;
@@ -282,13 +269,8 @@ fn check_all(given: &ScoreModel<'_>, dents_v: &ArrayRef2<f64>) -> Result<(), Inv
     check_length("leaks", given.leak_v.len(), skin.used.len())?;
     check_positive("conductivity_s", given.conductivity_s)?;
     for measurement in (0..skin.used.len()).filter(|&i| skin.used[i]) {
-        let rows = [skin.jacobian.row(measurement), dents_v.row(measurement)];
-        for row in rows {
-            if let Some(element) = row.iter().position(|v| !v.is_finite()) {
-                let value = row[element];
-                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
-            }
-        }
+        check_finite(measurement, skin.jacobian.row(measurement))?;
+        check_finite(measurement, dents_v.row(measurement))?;
     }
     Ok(())
 }
@@ -304,6 +286,7 @@ fn misfit(rows: &Rows, skin: &DetectorModel<'_>, reference: &[f64]) -> f64 {
     if part.is_finite() { (1.0 - part).max(0.0).sqrt() } else { 1.0 }
 }
 
+/// Relative difference of the reference's reciprocal halves.
 fn unequal(rows: &Rows, reference_v: &[f64]) -> f64 {
     let (mut difference, mut whole) = (0.0, 0.0);
     for &[i, j] in rows.of.iter().filter(|[i, j]| i != j) {

@@ -3,9 +3,8 @@
 use crate::geometry::distance_m;
 use crate::touch::detector::{DentPlace, Places};
 use crate::touch::skin::Place;
+use eit_core::vector::{Vector as Point, along, dot, sub};
 use eit_mesh::Surface;
-
-type Point = [f64; 3];
 
 /// Distance from the rim within which no place lies, metres: bells there have hardly any response, and would take on the
 /// effects of contacts with ten times the strength.
@@ -36,7 +35,7 @@ pub(super) struct Grid {
 }
 
 /// A position as a step from a place.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Spot {
     pub(super) place: usize,
     /// Step along the place's tangents, metres.
@@ -86,29 +85,20 @@ impl Grid {
 
     /// Returns the spot a step further, from the nearest place there.
     pub(super) fn moved(&self, from: &Spot, step_m: [f64; 2]) -> Spot {
-        let Place { position_m, tangents } = &self.at[from.place];
-        let step: [f64; 2] = std::array::from_fn(|k| from.step_m[k] + step_m[k]);
-        let to: Point = std::array::from_fn(|i| {
-            position_m[i] + step[0] * tangents[0][i] + step[1] * tangents[1][i]
-        });
+        let to = self.at[from.place].after([0, 1].map(|k| from.step_m[k] + step_m[k]));
         let squared = |k: &usize| {
-            let other = self.at[*k].position_m;
-            (0..3).map(|i| (other[i] - to[i]).powi(2)).sum::<f64>()
+            let way = sub(self.at[*k].position_m, to);
+            dot(way, way)
         };
         let around = &self.around[self.starts[from.place]..self.starts[from.place + 1]];
         let nearest = around.iter().min_by(|a, b| squared(a).total_cmp(&squared(b)));
         let place = nearest.copied().unwrap_or(from.place);
-        let Place { position_m: home, tangents } = &self.at[place];
-        let along = |t: &Point| (0..3).map(|i| t[i] * (to[i] - home[i])).sum::<f64>();
-        let mut step_m = [along(&tangents[0]), along(&tangents[1])];
+        let mut step_m = self.at[place].step_to(to);
         let (length_m, most_m) = (step_m[0].hypot(step_m[1]), LONGEST * self.pitch_m);
         if length_m > most_m {
             step_m = step_m.map(|s| s * most_m / length_m);
         }
-        let position_m = std::array::from_fn(|i| {
-            home[i] + step_m[0] * tangents[0][i] + step_m[1] * tangents[1][i]
-        });
-        Spot { place, step_m, position_m }
+        Spot { place, step_m, position_m: self.at[place].after(step_m) }
     }
 
     /// Tangents of a place.
@@ -122,13 +112,12 @@ impl Grid {
             return [[1.0, 0.0], [0.0, 1.0]];
         }
         let (a, b) = (&self.at[to].tangents, &self.at[from].tangents);
-        let dot = |i: usize, j: usize| (0..3).map(|k| a[i][k] * b[j][k]).sum::<f64>();
-        [[dot(0, 0), dot(0, 1)], [dot(1, 0), dot(1, 1)]]
+        a.map(|a| b.map(|b| dot(a, b)))
     }
 
     /// Components of a vector along the tangents of a place.
     pub(super) fn along(&self, place: usize, vector: Point) -> [f64; 2] {
-        self.at[place].tangents.map(|t| (0..3).map(|i| t[i] * vector[i]).sum())
+        self.at[place].tangents.map(|t| dot(t, vector))
     }
 }
 
@@ -145,11 +134,9 @@ fn apart(at: &[Place], least_m: f64) -> Vec<usize> {
 
 /// Distance of a point from an edge.
 fn to_edge_m(p: Point, [a, b]: [Point; 2]) -> f64 {
-    let sub = |a: Point, b: Point| -> Point { std::array::from_fn(|i| a[i] - b[i]) };
-    let dot = |a: Point, b: Point| (0..3).map(|i| a[i] * b[i]).sum::<f64>();
     let (edge, way) = (sub(b, a), sub(p, a));
     let part = (dot(way, edge) / dot(edge, edge).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    distance_m(p, std::array::from_fn(|i| a[i] + part * edge[i]))
+    distance_m(p, along(a, part, edge))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::dictionary::COLUMNS;
 use super::places::Spot;
 use super::settings::MOST_TOUCHES;
 use crate::geometry::distance_m;
+use eit_core::vector::sub;
 
 /// Time over which velocities are averaged, seconds.
 const VELOCITY_S: f64 = 0.1;
@@ -23,7 +24,7 @@ pub(super) struct Before {
 }
 
 /// All that is known of a touch. It lives from frame to frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct TouchState {
     pub(super) spot: Spot,
     /// Area of doubled conductivity, square metres.
@@ -51,21 +52,8 @@ pub(super) struct TouchState {
 
 impl TouchState {
     pub(super) fn new(spot: Spot) -> Self {
-        Self {
-            spot,
-            strength_m2: 0.0,
-            velocity_m_s: [0.0; 3],
-            before: None,
-            id: None,
-            odds: 0.0,
-            path_m: 0.0,
-            slid_to_m: spot.position_m,
-            laid_m2: 0.0,
-            laid_at_m: spot.position_m,
-            covariance_m2: [[0.0; 2]; 2],
-            strength_variance: 0.0,
-            response: [0.0; COLUMNS],
-        }
+        let [slid_to_m, laid_at_m] = [spot.position_m; 2];
+        Self { spot, slid_to_m, laid_at_m, ..Self::default() }
     }
 
     /// What the next frame knows of it, `dt_s` seconds later; touches end at a rate of `dies_hz`.
@@ -85,8 +73,7 @@ impl TouchState {
             self.slid_to_m = self.spot.position_m;
             return;
         };
-        let way: [f64; 3] =
-            std::array::from_fn(|i| self.spot.position_m[i] - before.spot.position_m[i]);
+        let way = sub(self.spot.position_m, before.spot.position_m);
         let weight = (dt_s / VELOCITY_S).min(1.0);
         self.velocity_m_s = std::array::from_fn(|i| {
             before.velocity_m_s[i] + weight * (way[i] / dt_s - before.velocity_m_s[i])
