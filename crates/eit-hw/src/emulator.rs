@@ -25,6 +25,7 @@ pub use sciospec::{PotentialSource, SciospecDevice};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
+#[cfg(all(unix, feature = "serial"))]
 use std::time::{Duration, Instant};
 
 use self::fault::Faults;
