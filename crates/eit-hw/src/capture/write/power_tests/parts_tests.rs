@@ -1,6 +1,8 @@
 //! The same of recordings in parts: a folder of files whose names are safe or not.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::{io, mem};
@@ -117,7 +119,7 @@ fn record_parts(
 }
 
 /// Reads what a power cut has left, without the sessions at the start of each part. Files are written over those of the
-/// last call: ten thousand folders with new files take minutes.
+/// last call, without truncating them first, which some file systems force to the disk: new ones take minutes.
 fn entries_of(left: &[(PathBuf, Vec<u8>)], folder: &Path) -> Option<Vec<Entry>> {
     for old in std::fs::read_dir(folder).unwrap() {
         let old = old.unwrap();
@@ -126,7 +128,11 @@ fn entries_of(left: &[(PathBuf, Vec<u8>)], folder: &Path) -> Option<Vec<Entry>> 
         }
     }
     for (path, bytes) in left {
-        std::fs::write(folder.join(path), bytes).unwrap();
+        let mut settings = File::options();
+        let mut file =
+            settings.write(true).create(true).truncate(false).open(folder.join(path)).unwrap();
+        file.write_all(bytes).unwrap();
+        file.set_len(bytes.len() as u64).unwrap();
     }
     let found = read(&folder.join(PATH)).ok()?.entries;
     Some(found.into_iter().filter(|entry| !matches!(entry, Entry::Session(_))).collect())
