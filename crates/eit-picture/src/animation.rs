@@ -1,6 +1,6 @@
 //! Writes a sequence of images as a GIF.
 
-use std::{collections::HashMap, io::Write};
+use std::io::Write;
 
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 use ndarray::ArrayView3;
@@ -96,7 +96,8 @@ fn changed(before: &[u8], now: &[u8], [width, height]: [usize; 2]) -> Frame<'sta
 /// The colours of a GIF: those of the scale, lines and text, with greys between them.
 struct Palette {
     colors: Vec<Rgb>,
-    nearest: HashMap<Rgb, u8>,
+    /// Colours seen, each with its nearest one: a page has a few hundred of them.
+    seen: Vec<(Rgb, u8)>,
 }
 
 impl Palette {
@@ -105,7 +106,8 @@ impl Palette {
         colors.extend([WHITE, INK, LINE, PALE]);
         let greys = TABLE - colors.len();
         colors.extend((0..greys).map(|k| [(255 * k / greys) as u8; 3]));
-        Self { colors, nearest: HashMap::new() }
+        let black = (Rgb::default(), nearest(&colors, Rgb::default()));
+        Self { colors, seen: vec![black; 1 << 12] }
     }
 
     /// Returns the colour table in file format.
@@ -113,22 +115,27 @@ impl Palette {
         self.colors.concat()
     }
 
-    /// Returns the index of the nearest colour for each pixel; of equally near ones, the first.
+    /// Returns the index of the nearest colour for each pixel.
     fn indices(&mut self, rgb: &[u8]) -> Vec<u8> {
-        let colors = &self.colors;
-        let nearest = |color: &Rgb| {
-            let distance = |other: &Rgb| -> u32 {
-                other.iter().zip(color).map(|(a, b)| u32::from(a.abs_diff(*b)).pow(2)).sum()
-            };
-            (0..colors.len()).min_by_key(|k| distance(&colors[*k])).unwrap_or(0) as u8
+        let (pixels, _) = rgb.as_chunks();
+        let index = |color: &Rgb| {
+            let [red, green, blue] = color.map(usize::from);
+            let seen = &mut self.seen[(red ^ green << 2 ^ blue << 4) % (1 << 12)];
+            if seen.0 != *color {
+                *seen = (*color, nearest(&self.colors, *color));
+            }
+            seen.1
         };
-        rgb.chunks_exact(3)
-            .map(|pixel| {
-                let color = [pixel[0], pixel[1], pixel[2]];
-                *self.nearest.entry(color).or_insert_with(|| nearest(&color))
-            })
-            .collect()
+        pixels.iter().map(index).collect()
     }
+}
+
+/// Returns the index of the nearest colour; of equally near ones, the first.
+fn nearest(colors: &[Rgb], color: Rgb) -> u8 {
+    let distance = |other: &Rgb| -> u32 {
+        other.iter().zip(color).map(|(a, b)| u32::from(a.abs_diff(b)).pow(2)).sum()
+    };
+    (0..colors.len()).min_by_key(|k| distance(&colors[*k])).unwrap_or(0) as u8
 }
 
 #[cfg(test)]

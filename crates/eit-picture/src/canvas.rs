@@ -80,6 +80,10 @@ impl Canvas {
         if x >= width || y >= height {
             return;
         }
+        if opacity == 1.0 {
+            self.pixels[y * width + x] = color;
+            return;
+        }
         for (old, new) in self.pixels[y * width + x].iter_mut().zip(color) {
             let mixed = f64::from(*old) + opacity * (f64::from(new) - f64::from(*old));
             *old = mixed.round() as u8;

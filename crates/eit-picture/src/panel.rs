@@ -57,6 +57,31 @@ impl View {
     }
 }
 
+/// Pixels of an image along one axis of which a position of the panel takes its value, with weights.
+struct Sample {
+    own: usize,
+    weights: [(usize, f64); 2],
+}
+
+impl Sample {
+    /// The sample at a position in pixels of an image that has `count` of them.
+    fn new(at: f64, count: usize, smooth: bool) -> Option<Self> {
+        // allow half a pixel, because the outline may lie just outside the raster
+        if !(-0.5..=count as f64 + 0.5).contains(&at) {
+            return None;
+        }
+        let own = (at.max(0.0) as usize).min(count - 1);
+        if !smooth {
+            return Some(Self { own, weights: [(own, 1.0), (own, 0.0)] });
+        }
+        let at = (at - 0.5).clamp(0.0, (count - 1) as f64);
+        let below = at as usize;
+        let share = at - below as f64;
+        let weights = [(below, 1.0 - share), ((below + 1).min(count - 1), share)];
+        Some(Self { own, weights })
+    }
+}
+
 impl Panel {
     /// Fits the skin, including electrode numbers, into a square of `side` points.
     ///
@@ -113,13 +138,16 @@ impl Panel {
     ) {
         let zoom = canvas.zoom();
         let first = corner.map(|at| at as usize * zoom);
-        for row in 0..self.pixels[1] {
-            for column in 0..self.pixels[0] {
+        let [across, down] = self.samples(image.dim(), zoom, smooth);
+        for (row, down) in down.iter().enumerate() {
+            for (column, across) in across.iter().enumerate() {
                 if !self.inside[row * self.pixels[0] + column] {
                     continue;
                 }
-                let at = [column, row].map(|k| (k as f64 + 0.5) / zoom as f64);
-                let color = match self.value_at(self.view.to_metres(at), image, scale, smooth) {
+                let samples = down.as_ref().zip(across.as_ref());
+                let value =
+                    samples.and_then(|(down, across)| self.value_at([down, across], image, scale));
+                let color = match value {
                     Some(value) => scale.color(value),
                     None if self.outlines.is_empty() => continue,
                     None if ((row + column) / zoom).is_multiple_of(5) => PALE,
@@ -130,37 +158,33 @@ impl Panel {
         }
     }
 
-    /// Value at a point: bilinear between the finite pixel centres around it, or that of the pixel
-    /// itself.
+    /// Samples of an image [row, column] for each column and each row of the panel's pixels; none beyond the image.
+    fn samples(
+        &self,
+        (rows, columns): (usize, usize),
+        zoom: usize,
+        smooth: bool,
+    ) -> [Vec<Option<Sample>>; 2] {
+        let Extent { x_min_m, x_max_m, y_min_m, y_max_m } = self.extent;
+        let middle_m = |k: usize| self.view.to_metres([(k as f64 + 0.5) / zoom as f64; 2]);
+        let across = |k| (middle_m(k)[0] - x_min_m) / (x_max_m - x_min_m) * columns as f64;
+        let down = |k| (y_max_m - middle_m(k)[1]) / (y_max_m - y_min_m) * rows as f64;
+        [
+            (0..self.pixels[0]).map(|k| Sample::new(across(k), columns, smooth)).collect(),
+            (0..self.pixels[1]).map(|k| Sample::new(down(k), rows, smooth)).collect(),
+        ]
+    }
+
+    /// Value at a row and a column: bilinear between the finite pixel centres around it, or that of the pixel itself.
     fn value_at(
         &self,
-        [x, y]: [f64; 2],
+        [down, across]: [&Sample; 2],
         image: ArrayView2<'_, f64>,
         scale: &Scale,
-        smooth: bool,
     ) -> Option<f64> {
-        let Extent { x_min_m, x_max_m, y_min_m, y_max_m } = self.extent;
-        let (rows, columns) = image.dim();
-        let across = (x - x_min_m) / (x_max_m - x_min_m) * columns as f64;
-        let down = (y_max_m - y) / (y_max_m - y_min_m) * rows as f64;
-        // allow half a pixel, because the outline may lie just outside the raster
-        let near = |at: f64, count: usize| (-0.5..=count as f64 + 0.5).contains(&at);
-        if !near(across, columns) || !near(down, rows) {
-            return None;
-        }
-        let weights = |at: f64, count: usize| {
-            if !smooth {
-                let own = (at.max(0.0) as usize).min(count - 1);
-                return [(own, 1.0), (own, 0.0)];
-            }
-            let at = (at - 0.5).clamp(0.0, (count - 1) as f64);
-            let below = at as usize;
-            let share = at - below as f64;
-            [(below, 1.0 - share), ((below + 1).min(count - 1), share)]
-        };
         let (mut sum, mut total) = (0.0, 0.0);
-        for (row, row_weight) in weights(down, rows) {
-            for (column, column_weight) in weights(across, columns) {
+        for (row, row_weight) in down.weights {
+            for (column, column_weight) in across.weights {
                 let (value, weight) = (image[[row, column]], row_weight * column_weight);
                 if !value.is_nan() && weight > 0.0 {
                     sum += weight * scale.bounded(value);
@@ -169,13 +193,7 @@ impl Panel {
             }
         }
         // without an outline, the NaN of the pixel itself marks the border
-        let own = || {
-            image[[
-                (down.max(0.0) as usize).min(rows - 1),
-                (across.max(0.0) as usize).min(columns - 1),
-            ]]
-        };
-        let blank = self.outlines.is_empty() && own().is_nan();
+        let blank = self.outlines.is_empty() && image[[down.own, across.own]].is_nan();
         (total > 0.0 && !blank).then(|| sum / total)
     }
 
