@@ -17,149 +17,120 @@ use super::displacement::Displacement;
 use super::solved_fields::SolvedFields;
 use crate::element::gradient::gradient;
 use crate::model::Grain;
+use crate::protocol::Product;
 use eit_core::vector::{Vector, cross, dot, norm, scaled, sub};
 use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{Accum, Mat, MatRef, Par};
 #[cfg(feature = "fabric")]
 use ndarray::Array2;
-use ndarray::{ArrayViewMut2, Axis};
+use ndarray::ArrayViewMut2;
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
-
-/// Displacements whose strains are held in memory at a time: 1 kB a triangle.
+/// Derivatives along single nodes that are held in memory at a time: 16 MB.
+const HELD: usize = 1 << 21;
+/// Displacements that are multiplied with them at a time.
 const AT_ONCE: usize = 64;
 
-/// Change of the length or area of one part of an electrode by one displacement.
-struct Stretch {
-    electrode: u32,
-    part: u32,
-    displacement: u32,
-    change: f64,
-}
-
-/// Fills `jacobian`, [measurement, displacement], for validated displacements.
+/// Fills `jacobian`, [measurement, displacement], for validated displacements: the derivatives along each node that moves, times the
+/// displacements. With `P` products of fields, `E` elements, `N` coordinates that move and `K` displacements, `30 P E + 2 P N K` flops.
 pub(crate) fn fill(
     solved: &SolvedFields<'_>,
     displacements: &[Displacement],
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
-    let columns = jacobian.axis_chunks_iter_mut(Axis(1), AT_ONCE);
-    for (displacements, columns) in displacements.chunks(AT_ONCE).zip(columns) {
-        fill_some(solved, displacements, columns);
-    }
-}
-
-fn fill_some(
-    solved: &SolvedFields<'_>,
-    displacements: &[Displacement],
-    mut jacobian: ArrayViewMut2<'_, f64>,
-) {
-    let products = &solved.model.fields.products;
-    let count = displacements.len();
-    // [element][component][displacement]: conductivity times S22 - S11 and -2 S12
-    let mut strains = vec![0.0; 2 * count * solved.conductivity_s.len()];
-    let mut is_strained = vec![false; solved.conductivity_s.len()];
-    let mut stretches = Vec::new();
-    let mut moves = Moves::new(solved);
-    for (index, displacement) in displacements.iter().enumerate() {
-        moves.set(solved, displacement);
-        moves.strains(solved, |element, [along, across]| {
-            is_strained[element] = true;
-            strains[2 * element * count + index] = along;
-            strains[(2 * element + 1) * count + index] = across;
-        });
-        moves.stretches(solved, index as u32, &mut stretches);
-    }
-    let strained: Vec<usize> = (0..is_strained.len()).filter(|&e| is_strained[e]).collect();
-    // derivative of the energy, [product, displacement]
-    let mut sums = vec![0.0; products.len() * count];
-    add_elements(solved, &strained, &strains, &mut sums);
-    add_contacts(solved, &mut stretches, count, &mut sums);
-    for (index, product) in products.iter().enumerate() {
-        let sums = &sums[index * count..][..count];
-        for &(datum, factor) in &product.data {
-            let row = jacobian.row_mut(datum as usize);
-            row.into_iter().zip(sums).for_each(|(entry, sum)| *entry = -factor * sum);
-        }
-    }
-}
-
-/// Displacement of each unknown that is a node, and whether it moves.
-struct Moves {
-    vectors: Vec<Vector>,
-    moved: Vec<bool>,
-}
-
-impl Moves {
-    fn new(solved: &SolvedFields<'_>) -> Self {
-        let nodes = solved.geometry.positions.len();
-        Self { vectors: vec![[0.0; 3]; nodes], moved: vec![false; nodes] }
-    }
-
-    fn set(&mut self, solved: &SolvedFields<'_>, displacement: &Displacement) {
-        self.vectors.fill([0.0; 3]);
-        self.moved.fill(false);
-        for &(node, vector) in displacement.nodes() {
-            let unknown = solved.model.dofs.unknown_of_node[node as usize] as usize;
-            self.vectors[unknown].iter_mut().zip(vector).for_each(|(sum, v)| *sum += v);
-            self.moved[unknown] = true;
-        }
-    }
-
-    fn any(&self, nodes: &[u32]) -> bool {
-        nodes.iter().any(|&n| self.moved[n as usize])
-    }
-
-    fn strains(&self, solved: &SolvedFields<'_>, mut put: impl FnMut(usize, [f64; 2])) {
-        let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
-        for (element, (triangle, sigma)) in triangles.iter().zip(solved.conductivity_s).enumerate()
-        {
-            if !self.any(triangle) {
-                continue;
-            }
-            let corners = triangle.map(|n| solved.geometry.positions[n as usize]);
-            let vectors = triangle.map(|n| self.vectors[n as usize]);
-            let grain = solved.geometry.anisotropy.as_ref();
-            let grain = grain.map(|anisotropy| &anisotropy.grains()[element]);
-            put(element, strain(corners, vectors, grain).map(|s| sigma * s));
-        }
-    }
-
-    fn stretches(
-        &self,
-        solved: &SolvedFields<'_>,
-        displacement: u32,
-        stretches: &mut Vec<Stretch>,
-    ) {
-        for (electrode, contact) in (0u32..).zip(&solved.model.dofs.contacts) {
-            for (part, nodes) in (0u32..).zip(contact.parts()) {
-                if self.any(nodes) {
-                    let change = self.stretch(solved, nodes);
-                    stretches.push(Stretch { electrode, part, displacement, change });
+    let moves = Moves::new(solved, displacements);
+    let rows = (HELD / moves.width).max(1);
+    for products in solved.model.fields.products.chunks(rows) {
+        let mut of_nodes = vec![0.0; products.len() * moves.width];
+        add_elements(solved, &moves, products, &mut of_nodes);
+        add_contacts(solved, &moves, products, &mut of_nodes);
+        let of_nodes = MatRef::from_row_major_slice(&of_nodes, products.len(), moves.width);
+        for (chunk, displacements) in displacements.chunks(AT_ONCE).enumerate() {
+            let along = moves.vectors(solved, displacements);
+            // derivative of the energy, [product, displacement]
+            let mut sums = Mat::zeros(products.len(), displacements.len());
+            matmul(sums.as_mut(), Accum::Replace, of_nodes, &along, 1.0, Par::Seq);
+            for (product, sums) in products.iter().zip(sums.row_iter()) {
+                for &(datum, factor) in &product.data {
+                    for (k, sum) in sums.iter().enumerate() {
+                        jacobian[[datum as usize, AT_ONCE * chunk + k]] = -factor * sum;
+                    }
                 }
             }
         }
     }
+}
 
-    /// Computes the change of the length of an edge or the area of a triangle.
-    fn stretch(&self, solved: &SolvedFields<'_>, nodes: &[u32]) -> f64 {
-        let place = |n: u32| solved.geometry.positions[n as usize];
-        let vector = |n: u32| self.vectors[n as usize];
-        let edge = |a: u32, b: u32| (sub(place(b), place(a)), sub(vector(b), vector(a)));
-        match *nodes {
-            [a, b] => {
-                let (e, w) = edge(a, b);
-                dot(e, w) / norm(e)
-            }
-            [a, b, c] => {
-                let ((e1, w1), (e2, w2)) = (edge(a, b), edge(a, c));
-                let normal = cross(e1, e2);
-                0.5 * (dot(normal, cross(w1, e2)) + dot(normal, cross(e1, w2))) / norm(normal)
-            }
-            // parts are edges or triangles
-            _ => 0.0,
+/// Coordinates that at least one displacement changes.
+struct Moves {
+    /// Column of each coordinate of each unknown that is a node; those that stay share the last one.
+    columns: Vec<[usize; 3]>,
+    width: usize,
+}
+
+impl Moves {
+    fn new(solved: &SolvedFields<'_>, displacements: &[Displacement]) -> Self {
+        let mut moves = vec![[false; 3]; solved.geometry.positions.len()];
+        for &(node, vector) in displacements.iter().flat_map(Displacement::nodes) {
+            let moves = &mut moves[unknown(solved, node)];
+            (0..3).for_each(|k| moves[k] |= vector[k] != 0.0);
         }
+        let last = moves.as_flattened().iter().filter(|moves| **moves).count();
+        let mut next = 0;
+        let mut column = |moves: bool| {
+            next += usize::from(moves);
+            if moves { next - 1 } else { last }
+        };
+        let columns = moves.into_iter().map(|moves| moves.map(&mut column)).collect();
+        Self { columns, width: last + 1 }
+    }
+
+    fn any(&self, nodes: &[u32]) -> bool {
+        let moves = |n: &u32| self.columns[*n as usize].iter().any(|&c| c + 1 < self.width);
+        nodes.iter().any(moves)
+    }
+
+    /// Adds a vector for each of some nodes to a row of derivatives.
+    fn add(&self, row: &mut [f64], node: u32, vector: Vector) {
+        self.columns[node as usize].iter().zip(vector).for_each(|(&c, v)| row[c] += v);
+    }
+
+    /// Displacements as columns.
+    fn vectors(&self, solved: &SolvedFields<'_>, displacements: &[Displacement]) -> Mat<f64> {
+        let mut vectors = Mat::zeros(self.width, displacements.len());
+        for (k, displacement) in displacements.iter().enumerate() {
+            for &(node, vector) in displacement.nodes() {
+                let columns = self.columns[unknown(solved, node)];
+                columns.iter().zip(vector).for_each(|(&c, v)| vectors[(c, k)] += v);
+            }
+        }
+        vectors
+    }
+}
+
+fn unknown(solved: &SolvedFields<'_>, node: u32) -> usize {
+    solved.model.dofs.unknown_of_node[node as usize] as usize
+}
+
+/// Derivative of the length of an edge or the area of a triangle along each of its corners.
+fn stretch(solved: &SolvedFields<'_>, nodes: &[u32]) -> Vec<Vector> {
+    let place = |n: u32| solved.geometry.positions[n as usize];
+    match *nodes {
+        [a, b] => {
+            let e = sub(place(b), place(a));
+            let towards = scaled(1.0 / norm(e), e);
+            vec![scaled(-1.0, towards), towards]
+        }
+        [a, b, c] => {
+            let corners = [a, b, c].map(place);
+            let normal = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+            let half = scaled(0.5 / norm(normal), normal);
+            let of = |k: usize| cross(sub(corners[(k + 2) % 3], corners[(k + 1) % 3]), half);
+            (0..3).map(|k| scaled(-1.0, of(k))).collect()
+        }
+        // parts are edges or triangles
+        _ => Vec::new(),
     }
 }
 
@@ -219,31 +190,45 @@ pub(crate) fn strain(
     [dot(second, d2) - dot(first, d1), -(dot(first, d2) + dot(second, d1))]
 }
 
-/// Adds the contributions of the strained triangles, a product of matrices for each block.
-fn add_elements(solved: &SolvedFields<'_>, strained: &[usize], strains: &[f64], sums: &mut [f64]) {
-    let fields = &solved.model.fields;
-    let products = fields.products.len();
-    let count = sums.len() / products.max(1);
-    let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
-    let mut of_products = vec![0.0; products * 2 * BLOCK];
-    let mut of_block = vec![0.0; 2 * BLOCK * count];
-    let mut sums = MatMut::from_row_major_slice_mut(sums, products, count);
+/// Adds the derivatives of the energy of the triangles along their corners, [product, coordinate].
+fn add_elements(
+    solved: &SolvedFields<'_>,
+    moves: &Moves,
+    products: &[Product],
+    of_nodes: &mut [f64],
+) {
+    let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
+    let mut gradients = vec![0.0; solved.model.fields.slot_count() * 2 * BLOCK];
+    let strained: Vec<usize> = (0..triangles.len()).filter(|&e| moves.any(&triangles[e])).collect();
     for elements in strained.chunks(BLOCK) {
         gather(solved, elements, &mut gradients);
-        let width = 2 * elements.len();
-        for (product, out) in fields.products.iter().zip(of_products.chunks_exact_mut(width)) {
-            for (i, out) in out.chunks_exact_mut(2).enumerate() {
-                out.copy_from_slice(&shear(solved, product.fields, &gradients, i));
+        let strains: Vec<_> = elements.iter().map(|&e| strains(solved, e)).collect();
+        for (product, row) in products.iter().zip(of_nodes.chunks_exact_mut(moves.width)) {
+            for (i, (&e, [along, across])) in elements.iter().zip(&strains).enumerate() {
+                let [f, g] = shear(solved, product.fields, &gradients, i);
+                for (corner, &node) in triangles[e].iter().enumerate() {
+                    let [along, across] = [along[corner], across[corner]];
+                    moves.add(row, node, std::array::from_fn(|k| f * along[k] + g * across[k]));
+                }
             }
         }
-        for (&e, out) in elements.iter().zip(of_block.chunks_exact_mut(2 * count)) {
-            out.copy_from_slice(&strains[2 * e * count..][..2 * count]);
-        }
-        let of_products =
-            MatRef::from_row_major_slice(&of_products[..products * width], products, width);
-        let of_block = MatRef::from_row_major_slice(&of_block[..width * count], width, count);
-        matmul(sums.as_mut(), Accum::Add, of_products, of_block, 1.0, Par::Seq);
     }
+}
+
+/// Derivatives of [`strain`] of a triangle along its corners, times its conductivity.
+fn strains(solved: &SolvedFields<'_>, element: usize) -> [[Vector; 3]; 2] {
+    let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
+    let corners = triangles[element].map(|n| solved.geometry.positions[n as usize]);
+    let grain = solved.geometry.anisotropy.as_ref();
+    let grain = grain.map(|anisotropy| &anisotropy.grains()[element]);
+    let mut strains = [[[0.0; 3]; 3]; 2];
+    for (corner, k) in (0..9).map(|i| (i / 3, i % 3)) {
+        let mut vectors = [[0.0; 3]; 3];
+        vectors[corner][k] = solved.conductivity_s[element];
+        let [along, across] = strain(corners, vectors, grain);
+        (strains[0][corner][k], strains[1][corner][k]) = (along, across);
+    }
+    strains
 }
 
 /// Computes scaled gradients, [slot, component, element], of the given elements.
@@ -267,24 +252,27 @@ fn gather(solved: &SolvedFields<'_>, elements: &[usize], gradients: &mut [f64]) 
     fields.combine(gradients, 2 * BLOCK);
 }
 
-/// Adds the contributions of the stretched electrode parts.
+/// Adds the derivatives of the energy of the contacts along the corners of their parts.
 fn add_contacts(
     solved: &SolvedFields<'_>,
-    stretches: &mut [Stretch],
-    count: usize,
-    sums: &mut [f64],
+    moves: &Moves,
+    products: &[Product],
+    of_nodes: &mut [f64],
 ) {
-    stretches.sort_by_key(|s| s.electrode);
-    for stretches in stretches.chunk_by(|a, b| a.electrode == b.electrode) {
-        let electrode = stretches[0].electrode as usize;
+    for (electrode, contact) in solved.model.dofs.contacts.iter().enumerate() {
+        if !contact.parts().iter().any(|nodes| moves.any(nodes)) {
+            continue;
+        }
+        let stretches: Vec<_> =
+            contact.parts().iter().map(|nodes| stretch(solved, nodes)).collect();
         let under = ContactFields::new(solved, electrode);
         let z = solved.geometry.impedance[electrode];
-        let products = &solved.model.fields.products;
-        for (product, sums) in products.iter().zip(sums.chunks_exact_mut(count)) {
+        for (product, row) in products.iter().zip(of_nodes.chunks_exact_mut(moves.width)) {
             let [f, g] = product.fields.map(|field| under.field(solved, field));
-            for stretch in stretches {
-                let density = density(f, g, stretch.part as usize, z, under.measure);
-                sums[stretch.displacement as usize] += stretch.change * density;
+            for (part, (nodes, stretch)) in contact.parts().iter().zip(&stretches).enumerate() {
+                let density = density(f, g, part, z, under.measure);
+                let corners = nodes.iter().zip(stretch);
+                corners.for_each(|(&node, s)| moves.add(row, node, scaled(density, *s)));
             }
         }
     }

@@ -136,8 +136,8 @@ const DRAG_M: f64 = 30e-3;
 const DRAG: f64 = 1.0;
 /// ... and the distance up to which the skin moves as far as at the finger: half of a contact.
 const CONTACT_M: f64 = 7e-3;
-/// Places whose strains are held in memory at a time.
-const AT_ONCE: usize = 12;
+/// Displacements of nodes by places that are held in memory at a time: 96 bytes for each, 16 MB.
+const AT_ONCE: usize = 160_000;
 
 /// Effects of a touch on the voltages of a sheet through the fabric around it, for one standard deviation at each place: a
 /// pull `u(r) = K r / (r^2 + r_0^2)` towards it, and a drag `u(r) = K ln(L / max(r, r_0))` along each of its tangents up to
@@ -157,27 +157,22 @@ pub(super) fn dents(
     let drag_m = DRAG * movement_m / (held_m / DRAG_M).ln().max(1.0);
     let strength_m2 = PULL * movement_m * PULL_M;
     let effects = |place: &DentPlace| {
-        let DentPlace { position_m, tangents } = *place;
-        let way = |node_m: &[f64; 3]| -> ([f64; 3], f64) {
-            let way: [f64; 3] = std::array::from_fn(|k| position_m[k] - node_m[k]);
-            (way, way.iter().map(|w| w * w).sum())
-        };
-        let pull = |node_m: &[f64; 3]| {
-            let (way, squared) = way(node_m);
-            way.map(|w| strength_m2 * w / (squared + DENT_M * DENT_M))
-        };
-        let drag = |tangent: [f64; 3]| {
-            let dragged = move |node_m: &[f64; 3]| {
-                let far = held_m / way(node_m).1.sqrt().max(CONTACT_M);
-                tangent.map(|t| drag_m * far.ln().max(0.0) * t)
-            };
-            Displacement::of_field(&nodes_m.iter().map(dragged).collect::<Vec<_>>())
-        };
-        let pull = Displacement::of_field(&nodes_m.iter().map(pull).collect::<Vec<_>>());
-        [pull, drag(tangents[0]), drag(tangents[1])]
+        let mut pull = Vec::with_capacity(nodes_m.len());
+        let mut drags = [pull.clone(), pull.clone()];
+        for node_m in nodes_m {
+            let way: [f64; 3] = std::array::from_fn(|k| place.position_m[k] - node_m[k]);
+            let squared: f64 = way.iter().map(|w| w * w).sum();
+            pull.push(way.map(|w| strength_m2 * w / (squared + DENT_M * DENT_M)));
+            let far = held_m / squared.sqrt().max(CONTACT_M);
+            let dragged = drag_m * far.ln().max(0.0);
+            let along = drags.iter_mut().zip(place.tangents);
+            along.for_each(|(drag, tangent)| drag.push(tangent.map(|t| dragged * t)));
+        }
+        let [first, second] = drags;
+        [pull, first, second].map(|field| Displacement::of_field(&field))
     };
     let mut parts = Vec::new();
-    for places in places.chunks(AT_ONCE) {
+    for places in places.chunks((AT_ONCE / nodes_m.len().max(1)).max(1)) {
         let dents: Vec<Displacement> = places.iter().flat_map(effects).collect();
         parts.push(solution.movement_jacobian(&dents)?);
     }
