@@ -4,7 +4,7 @@
 use crate::common::arrays::{
     COMPLEX, DOUBLE, compressed, doubles, element, mat, matrix, npy, npy_of, npz,
 };
-use crate::common::parse;
+use crate::common::{parse, refused};
 use eit_hw::Format::{Mat, Npz};
 use eit_hw::{
     Format, FrameOrientation, HwError, Note, ReadOptions, Recording, parse_recording,
@@ -22,13 +22,6 @@ fn of_protocol(measurements: usize) -> ReadOptions {
 
 fn named(name: &str) -> ReadOptions {
     ReadOptions { array: Some(name.to_owned()), ..plain() }
-}
-
-fn refused(result: Result<Recording, HwError>, words: &[&str]) {
-    let message = result.unwrap_err().to_string();
-    for word in words {
-        assert!(message.contains(word), "{word:?} is not in {message:?}");
-    }
 }
 
 /// `scipy.mat` is of SciPy 1.17, `numpy.npz` of NumPy 2, both compressed: `v` = [[0.5, -2, 3], [4, 5, 6]],

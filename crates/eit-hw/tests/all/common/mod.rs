@@ -85,3 +85,13 @@ pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
     };
     quadruples.iter().map(voltage).collect()
 }
+
+/// Asserts that the error message is one line and contains all of `parts`.
+#[track_caller]
+pub fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
+    let message = result.err().expect("refused").to_string();
+    assert!(!message.contains('\n'), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "`{part}` is not in: {message}");
+    }
+}

@@ -1,4 +1,4 @@
-//! Rows 1 to 4, 14 and 15: how codecs handle damaged bytes.
+//! Rows 2 to 4, 14 and 15: how codecs handle damaged bytes.
 
 use eit_hw::Quality;
 use eit_hw::codec::{eits1, sciospec, text};
@@ -59,21 +59,6 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
     streams
 }
 
-#[test]
-fn row_01_any_chunking_gives_the_same_events() {
-    for (name, decode, frames, frame) in streams() {
-        let wire = frames.concat();
-        let whole = decode(&[&wire]);
-        let seen = whole.iter().filter(|event| event.starts_with(frame)).count();
-        assert!(seen >= frames.len() - 2, "{name}: {whole:?}");
-        for cut in 0..=wire.len() {
-            assert_eq!(decode(&[&wire[..cut], &wire[cut..]]), whole, "{name} cut at {cut}");
-        }
-        let bytes: Vec<&[u8]> = wire.chunks(1).collect();
-        assert_eq!(decode(&bytes), whole, "{name} byte by byte");
-    }
-}
-
 /// One of four frames is damaged and may take another with it. In text, a value of the damaged
 /// frame may change, which no format without a checksum can reveal.
 #[test]
@@ -83,44 +68,27 @@ fn row_02_one_damaged_byte_at_each_offset() {
             decode(&[&frames.concat()]).into_iter().filter(|e| e.starts_with(frame)).collect();
         let is_text = frame == "Frame";
         // damage the second frame
-        let (before, after) = (frames[0].len(), frames[2..].concat());
+        let after = frames[2..].concat();
         for offset in 0..frames[1].len() {
-            let damaged = |change: &dyn Fn(&mut Vec<u8>)| {
-                let mut bytes = frames[1].clone();
-                change(&mut bytes);
-                [&frames.concat()[..before], &bytes, &after].concat()
-            };
+            let one = &frames[1];
+            let (start, rest) = one.split_at(offset);
             let cases = [
-                (
-                    "dropped",
-                    damaged(&|b| {
-                        b.remove(offset);
-                    }),
-                ),
-                ("inserted", damaged(&|b| b.insert(offset, 0xB4))),
-                ("flipped", damaged(&|b| b[offset] ^= 0x10)),
-                ("doubled", damaged(&|b| b.insert(offset, b[offset]))),
+                ("dropped", [start, &rest[1..]].concat()),
+                ("inserted", [start, &[0xB4], rest].concat()),
+                ("flipped", [start, &[rest[0] ^ 0x10], &rest[1..]].concat()),
+                ("doubled", [start, &rest[..1], rest].concat()),
             ];
-            for (what, wire) in cases {
+            for (what, damaged) in cases {
+                let wire = [&frames[0], &damaged, &after].map(|part| &part[..]).concat();
                 let events = decode(&[&wire]);
                 let reported: Vec<_> = events.iter().filter(|e| e.starts_with(frame)).collect();
                 assert!(reported.len() + 2 >= good.len(), "{name}, {what} at {offset}: {events:?}");
                 let wrong = reported.iter().filter(|event| !good.contains(event)).count();
-                // a changed digit or float: at most the damaged frame
-                let may_be = usize::from(is_text || name == "sciospec");
-                assert!(wrong <= may_be, "{name}, {what} at {offset}: {reported:?}");
-                let lengths_change = what != "flipped";
-                if name == "sciospec" && lengths_change {
-                    let shifted = reported.iter().filter(|e| !good.contains(e)).count();
-                    // only a byte within the floats can be doubled or dropped without notice, and
-                    // then the end tag is in the wrong place
-                    assert_eq!(shifted, 0, "{what} at {offset}: {reported:?}");
-                }
-                assert_eq!(
-                    reported.last(),
-                    good.iter().last().as_ref(),
-                    "{name}, {what} at {offset}"
-                );
+                // a changed digit or float: at most the damaged frame; a byte more or less puts the
+                // end tag of a Sciospec frame in the wrong place
+                let may_be = is_text || name == "sciospec" && what == "flipped";
+                assert!(wrong <= usize::from(may_be), "{name}, {what} at {offset}: {reported:?}");
+                assert_eq!(reported.last(), good.last().as_ref(), "{name}, {what} at {offset}");
             }
         }
     }
@@ -132,24 +100,22 @@ fn row_03_wrong_lengths_and_end_tags() {
     let data = |wire: &[u8]| {
         sciospec_events(&[wire]).iter().filter(|event| event.starts_with("Data")).count()
     };
-    for length in [0, 0x88, 0x8A, 0xFF] {
+    // a wrong end tag is that of an answer, whose length is then waited for
+    for (place, byte, least) in
+        [(1, 0, 2), (1, 0x88, 2), (1, 0x8A, 2), (1, 0xFF, 2), (one.len() - 1, 0xB5, 3)]
+    {
         let mut wrong = one.clone();
-        wrong[1] = length;
-        let wire = [&one[..], &wrong, &one, &one].concat();
-        assert!((2..=3).contains(&data(&wire)), "length {length:02X}");
+        wrong[place] = byte;
+        let found = data(&[&one[..], &wrong, &one, &one].concat());
+        assert!((least..=3).contains(&found), "{byte:02X} at {place}");
     }
-    let mut wrong = one.clone();
-    *wrong.last_mut().unwrap() = 0xB5;
-    // the wrong tag is that of an answer, whose length is then waited for
-    assert_eq!(data(&[&one[..], &wrong, &one, &one].concat()), 3);
     // truncated at the end of the stream: the incomplete frame is not reported
     for end in 0..one.len() {
         assert_eq!(data(&[&one[..], &one[..end]].concat()), 1, "{end}");
     }
     let one = eits1_frame(1, 5, &[0.5; 4]);
     for end in 0..one.len() {
-        let events = eits1_events(&[&one, &one[..end]]);
-        assert_eq!(events.len(), 1, "{end}: {events:?}");
+        assert_eq!(eits1_events(&[&one, &one[..end]]).len(), 1, "{end}");
     }
 }
 
@@ -157,10 +123,8 @@ fn row_03_wrong_lengths_and_end_tags() {
 fn row_04_tags_and_whole_frames_in_the_payload() {
     // floats whose bytes are tags and an acknowledgement
     let tags = [[0xB4, 0x89, 0x18, 0x01], [0x18, 0x01, 0x83, 0x18], [0x00, 0x00, 0xB4, 0x18]];
-    let mut potentials_v = [[0.0; 2]; 16];
-    for (k, potential) in potentials_v.iter_mut().enumerate() {
-        *potential = [f32::from_be_bytes(tags[k % 3]), f32::from_be_bytes(tags[(k + 1) % 3])];
-    }
+    let tag = |k: usize| f32::from_be_bytes(tags[k % 3]);
+    let potentials_v = std::array::from_fn(|k| [tag(k), tag(k + 1)]);
     let (drive, frequency_row, time_ms) = (Some([1, 2]), Some(1), Some(0x1801_8318));
     let frame = sciospec::DataFrame { group: 1, drive, frequency_row, time_ms, potentials_v };
     let mut one = Vec::new();
@@ -178,14 +142,9 @@ fn row_04_tags_and_whole_frames_in_the_payload() {
     // a complete message as the text of another one
     let fake = eits1_frame(9, 5, &[1.0, 2.0]);
     let mut wire = Vec::new();
-    let message = eits1::Message {
-        kind: eits1::Kind::Text,
-        sequence: 0,
-        device_time_us: 0,
-        flags: 0,
-        count: u16::try_from(fake.len()).unwrap(),
-        payload: &fake,
-    };
+    let (kind, count) = (eits1::Kind::Text, fake.len() as u16);
+    let (sequence, device_time_us, flags, payload) = (0, 0, 0, &fake[..]);
+    let message = eits1::Message { kind, sequence, device_time_us, flags, count, payload };
     eits1::encode(&message, &mut wire).unwrap();
     for start in 0..wire.len() {
         let events = eits1_events(&[&wire[start..], &eits1_frame(3, 5, &[0.5])]);
@@ -236,19 +195,23 @@ fn row_14_damaged_text() {
         assert_eq!(events.len(), 3, "{word}: {events:?}");
         assert!(events[1].contains("[1.0, NaN, 3.0]"), "{word}: {events:?}");
         assert!(events[2].contains("[NaN, 2.0, 3.0]"), "{word}: {events:?}");
-        assert!(
-            events.iter().all(|event| event.starts_with("Frame") || event.starts_with("Skipped"))
-        );
     }
-    let mut flags = Vec::new();
-    let mut decoder =
-        text::Decoder::new(TextFormat { open_up_to: Some(0.0), ..TextFormat::csv(3) }).unwrap();
-    decoder.push(b"0,0,0\n1,nan,0\n", &mut |event| {
-        if let text::Event::Frame { quality, .. } = event {
-            flags = quality.to_vec();
+    // flags by value, and a banner in the middle of the stream
+    let openeit = TextFormat { values_per_line: 4, ..TextFormat::open_eit(8).unwrap() };
+    let wire = b"magnitudes: nan,\t0.0000,134217727.9375,1.0\nmagnitudes: FAILED Measurement\n";
+    let mut decoder = text::Decoder::new(openeit).unwrap();
+    decoder.reset(true);
+    let mut seen = 0;
+    decoder.push(wire, &mut |event| match event {
+        text::Event::Frame { quality, .. } => {
+            let flags = [Quality::NON_FINITE, Quality::OPEN, Quality::SATURATED, Quality::GOOD];
+            assert_eq!(quality, flags);
+            seen += 1;
         }
+        text::Event::Line(line) => assert!(line.contains("FAILED"), "{line}"),
+        text::Event::Skipped(fault) => panic!("{fault:?}"),
     });
-    assert_eq!(flags, [Quality::GOOD, Quality::NON_FINITE, Quality::OPEN]);
+    assert_eq!(seen, 1);
     // hexadecimal without padding, and a line with the number of values of another board
     let hex = TextFormat { number: Number::HexInteger, ..TextFormat::csv(3) };
     let events = text_events(&hex, &[b"0,0,0\nff,f,ffffd8f1\n1,2,3,4\n"]);

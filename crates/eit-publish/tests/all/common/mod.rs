@@ -1,7 +1,7 @@
 //! Frames for the tests of sinks.
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
-use eit_publish::Start;
+use eit_publish::{SCHEMA, Start, UdpSink};
 use eit_skin::faults::{ElectrodeFault, FaultKind};
 use eit_skin::{Touch, TouchFrame, TouchState};
 
@@ -74,4 +74,33 @@ pub fn endpoint() -> String {
     let host = if cfg!(target_os = "linux") { [127, high, low, own] } else { [127, 0, 0, 1] };
     let listener = std::net::TcpListener::bind((std::net::Ipv4Addr::from(host), 0)).unwrap();
     format!("tcp/{}", listener.local_addr().unwrap())
+}
+
+/// Waits for a condition, with a limit.
+pub fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+    let start = std::time::Instant::now();
+    while !is_so() {
+        assert!(start.elapsed().as_secs() < 20, "{what}");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+}
+
+/// A receiver of datagrams, and a sink that sends them.
+pub fn datagrams() -> (std::net::UdpSocket, UdpSink) {
+    let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    (receiver, sink)
+}
+
+/// The line of the next datagram.
+pub fn received(receiver: &std::net::UdpSocket) -> serde_json::Value {
+    let mut datagram = [0; 65_536];
+    let size = receiver.recv(&mut datagram).unwrap();
+    serde_json::from_slice(&datagram[..size]).unwrap()
+}
+
+/// The schema of every line.
+pub fn schema() -> jsonschema::Validator {
+    jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap()
 }
