@@ -3,8 +3,8 @@
 use std::hint::black_box;
 
 use crate::common::recordings::frame;
-use crate::common::rotated;
 use crate::common::wire::{board_frame, eits1_frame, sciospec_frame};
+use crate::common::{place, rotated};
 use allocation_counter::measure;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
 use eit_hw::codec::text::TextFormat;
@@ -60,8 +60,7 @@ fn drivers_allocate_nothing_per_frame() {
 /// Recording copies no frame; only the container allocates, per chunk.
 #[test]
 fn a_recorder_allocates_nothing_per_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let frame = Frame { imaginary: Some(frame(1).values), ..frame(0) };
     let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &SessionRecord::default(), settings).unwrap();

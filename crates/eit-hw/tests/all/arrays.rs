@@ -1,5 +1,4 @@
-//! Files of several arrays, MATLAB's and NumPy's: every type of numbers, the choice of the array with
-//! the frames, damage and bombs.
+//! Files of several arrays, MATLAB's and NumPy's.
 
 use crate::common::arrays::{
     COMPLEX, DOUBLE, compressed, doubles, element, mat, matrix, npy, npy_of, npz,
@@ -183,8 +182,7 @@ fn an_array_that_cannot_be_told_is_asked_for() {
     refused(parse(Mat, vec![0; 200], &plain()), &["not a MATLAB file of version 5", "'-v7'"]);
 }
 
-/// A file that is cut anywhere but between arrays is refused, and so is one with a changed byte in what
-/// a checksum protects; no damage panics.
+/// A file that is cut is refused, and so is a changed byte in what a checksum protects; no damage panics.
 #[test]
 fn damaged_files_are_refused() {
     let array = doubles("v", &[3, 4]);

@@ -1,5 +1,4 @@
-//! Reads small files of each format with one error each: the message says on one line where and
-//! what it is, and how to fix it.
+//! Files with one error each: the message says on one line where and what it is, and how to fix it.
 
 use std::fs;
 
@@ -414,34 +413,25 @@ fn serial_log_cuts() {
     refused(log_of("s\ns\n1 1\n", 0), &["no complete frame"]);
 }
 
-/// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
-fn khu_table(roles: [[u32; 4]; 2]) -> String {
-    let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
-    for (projection, roles) in roles.iter().enumerate() {
-        for (channel, role) in roles.iter().enumerate() {
-            let gain = if *role == 0 { 10 } else { 1 };
-            text +=
-                &format!("{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n");
-        }
-    }
-    text
-}
-
-const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
-
 #[test]
 fn khu_folders() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
     let read = || read_recording(path, None, &ReadOptions::default());
-    let scan = |count: i32| {
+    let scan = |count: i32| -> String {
         (0..8).map(|row| format!("{} {} {count}.0 -3\r\n", row % 4, u32::from(row == 2))).collect()
     };
-    let scan: &dyn Fn(i32) -> String = &scan;
     write("2Scan.txt", &scan(2));
     refused(read(), &["ProjectionTableSendLog.txt", "khu", "whole folder"]);
-    write("ProjectionTableSendLog.txt", &khu_table(ROLES));
+    // 4 channels and 2 projections
+    let mut table = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
+    for (row, role) in [2, 3, 0, 0, 0, 2, 0, 3].into_iter().enumerate() {
+        let gain = if role == 0 { 10 } else { 1 };
+        let (projection, channel) = (row / 4, row % 4);
+        table += &format!("{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n");
+    }
+    write("ProjectionTableSendLog.txt", &table);
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
     // counts divided by 2^15 and by the gain of 0.2
@@ -461,14 +451,8 @@ fn khu_folders() {
     assert_eq!(read().unwrap().quality.unwrap()[[2, 0]], Quality::NON_FINITE);
     let scan = read_recording(&path.join("2Scan.txt"), Some(Format::Khu), &ReadOptions::default());
     refused(scan, &["2Scan.txt", "is a single file", "folder", "name the folder"]);
-    refused(
-        read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
-        &["name the folder"],
-    );
-    refused(
-        read_recording(path, Some(Format::Csv), &ReadOptions::default()),
-        &["is a folder", "csv", "name the file"],
-    );
+    let scan = read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default());
+    refused(scan, &["name the folder"]);
     write("t_1.eit", "");
     refused(read(), &["sciospec or khu", "[recording] format = \"sciospec\"", "or \"khu\""]);
 }
@@ -481,19 +465,18 @@ fn keys_of_tables_are_for_tables() {
         ReadOptions { frames_are: Some(FrameOrientation::Rows), ..ReadOptions::default() };
     let complex = ReadOptions { complex: true, ..ReadOptions::default() };
     let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
-    write("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n").as_bytes());
-    write("f.get", &[0; 1024]);
-    write("f.lct", lct_text(&["1 1 1"; 4]).as_bytes());
-    write("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)).as_bytes());
-    let formats = ["sciospec", "goe", "lct", "serial-log"];
-    for (name, format) in ["t_1.eit", "f.get", "f.lct", "f.log"].into_iter().zip(formats) {
+    for (name, content, format) in [
+        ("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n"), "sciospec"),
+        ("f.get", "\0".repeat(1024), "goe"),
+        ("f.lct", lct_text(&["1 1 1"; 4]), "lct"),
+        ("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)), "serial-log"),
+    ] {
+        write(name, content.as_bytes());
         let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
         assert!(read(&ReadOptions::default()).is_ok(), "{name}");
-        refused(read(&frames_are), &[name, "`[recording] frames_are`", "tables (csv, npy", format]);
-        refused(
-            read(&complex),
-            &[name, "`[recording] complex`", "tables (csv, npy", format, "remove"],
-        );
+        let of = [name, "tables (csv, npy", format, "remove"];
+        refused(read(&frames_are), &[&of[..], &["`[recording] frames_are`"]].concat());
+        refused(read(&complex), &[&of[..], &["`[recording] complex`"]].concat());
     }
     refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
     let khu = tempfile::tempdir().unwrap();
@@ -501,16 +484,12 @@ fn keys_of_tables_are_for_tables() {
     refused(read_recording(khu.path(), None, &complex), &["`[recording] complex`", "khu"]);
 
     let floats = [1_f32, 2.0].map(f32::to_le_bytes).concat();
-    let header = "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1), }";
-    write("f.npy", &npy_bytes(header, &floats));
+    write("f.npy", &npy_of("<c8", "(1, 1)", &floats));
     let npy = |options: &ReadOptions| read_recording(&path.join("f.npy"), None, options);
     assert!(npy(&frames_are).is_ok());
-    refused(
-        npy(&complex),
-        &["f.npy", "`[recording] complex`", "complex recording", "real numbers"],
-    );
-    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
-    write("f.npy", &npy_bytes(header, &floats));
+    let parts = ["f.npy", "`[recording] complex`", "complex recording", "real numbers"];
+    refused(npy(&complex), &parts);
+    write("f.npy", &npy_of("<f4", "(1, 2)", &floats));
     refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
@@ -520,14 +499,13 @@ fn keys_of_tables_are_for_tables() {
 #[test]
 fn vectors_are_one_frame() {
     let with = |shape: &str, orientation| {
-        let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
-        let bytes = npy_bytes(&header, &[1, 2, 3]);
+        let bytes = npy_of("|u1", shape, &[1, 2, 3]);
         parse(Format::Npy, bytes, &table(orientation, false)).unwrap()
     };
-    let orientations =
-        [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
     for shape in ["(3,)", "(3, 1)"] {
-        for orientation in orientations {
+        for orientation in
+            [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix]
+        {
             let recording = with(shape, orientation);
             assert_eq!(recording.real, array![[1.0, 2.0, 3.0]], "{shape}");
             // with rows, this is not what the key says
@@ -546,19 +524,18 @@ fn recognition() {
         fs::write(path.join(name), bytes).unwrap();
         read_recording(&path.join(name), None, &ReadOptions::default())
     };
-    let format = |name: &str, bytes: &[u8]| read(name, bytes).unwrap().format;
-    assert_eq!(format("a.txt", b"1 2 3\n4 5 6\n"), Format::Csv);
-    assert_eq!(format("a.dat", b"# comment\nx y\n1 2\n"), Format::Csv);
-    assert_eq!(format("a.csv", lct_text(&["1 1 1"; 4]).as_bytes()), Format::Lct);
-    let npy = npy_bytes("{'descr': '|u1', 'fortran_order': False, 'shape': (1,), }", &[1]);
-    assert_eq!(format("a.txt", &npy), Format::Npy);
-    let line = "1 ".repeat(13) + "\n";
-    let frame = line.repeat(16);
-    assert_eq!(format("a.log", format!("s\n{frame}").as_bytes()), Format::SerialLog);
-    refused(
-        read("a.txt", frame.as_bytes()),
-        &["csv or serial-log", "[recording] format = \"csv\""],
-    );
+    let frame = ("1 ".repeat(13) + "\n").repeat(16);
+    for (name, content, format) in [
+        ("a.txt", &b"1 2 3\n4 5 6\n"[..], Format::Csv),
+        ("a.dat", b"# comment\nx y\n1 2\n", Format::Csv),
+        ("a.csv", lct_text(&["1 1 1"; 4]).as_bytes(), Format::Lct),
+        ("a.txt", &npy_of("|u1", "(1,)", &[1]), Format::Npy),
+        ("a.log", format!("s\n{frame}").as_bytes(), Format::SerialLog),
+    ] {
+        assert_eq!(read(name, content).unwrap().format, format);
+    }
+    let either = read("a.txt", frame.as_bytes());
+    refused(either, &["csv or serial-log", "[recording] format = \"csv\""]);
     refused(read("a.bin", &[1, 2, 3]), &["a.bin", "not recognised", "\"csv\"", "\"serial-log\""]);
     refused(read("a.txt", b"some words\nand more\n"), &["not recognised"]);
     refused(read("a.txt", b""), &["empty"]);
@@ -568,7 +545,7 @@ fn recognition() {
     refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);
     let folder = |format| read_recording(path, Some(format), &ReadOptions::default());
     for format in [Format::Csv, Format::Npy, Format::Lct, Format::Goe, Format::SerialLog] {
-        refused(folder(format), &["is a folder", format.name()]);
+        refused(folder(format), &["is a folder", format.name(), "name the file"]);
     }
     refused(folder(Format::Sciospec), &["NAME_00001.eit"]);
     refused(folder(Format::Khu), &["ProjectionTableSendLog.txt"]);

@@ -1,17 +1,17 @@
 //! Recordings: what is written is read back, whatever happens to the file.
 
-use std::io::{BufRead as _, BufReader};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::recordings::{append, chunks, container, create, frame, recorded, session};
-use crate::common::rotated;
+use crate::common::recordings::{
+    append, chunks, container, create, frame, recorded, replayed, session,
+};
+use crate::common::{place, rotated};
 use eit_hw::capture::{
     Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchesRecord,
     UnitName, parse, read,
 };
-use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
-use eit_hw::{Component, Format, Frame, HwError, Quality, ReadOptions, Unit, read_recording};
+use eit_hw::driver::{Pace, Replay};
+use eit_hw::{Component, Format, HwError, Quality, ReadOptions, Unit, read_recording};
 
 fn entries(count: u64) -> Vec<Entry> {
     let mut entries = vec![Entry::Session(session())];
@@ -36,8 +36,7 @@ fn entries(count: u64) -> Vec<Entry> {
 
 #[test]
 fn every_entry_is_read_back_to_the_bit() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     let mut wanted = entries(100);
     // everything that JSON has no number for, and the limits of the numbers that it has
     let mut odd = frame(100);
@@ -67,8 +66,7 @@ fn every_entry_is_read_back_to_the_bit() {
 /// Foxglove draws the touches of a recording as it is, and that there are none any more; a frame without a touch costs nothing.
 #[test]
 fn touches_are_drawn_by_foxglove() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let mut writer = create(&path).unwrap();
     let touch =
         r#"{"id":2,"state":"hold","position_m":[0.01,-0.02,0],"valid":false,"force_n":1.25}"#;
@@ -107,8 +105,7 @@ fn touches_are_drawn_by_foxglove() {
 /// All frames of a session have its number of measurements.
 #[test]
 fn a_frame_of_another_length_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let mut writer = create(&path).unwrap();
     writer.frame(&frame(0)).unwrap();
     let [mut short, mut bare, mut half] = [frame(1), frame(1), frame(1)];
@@ -133,8 +130,7 @@ fn a_frame_of_another_length_is_refused() {
 /// cut is read.
 #[test]
 fn a_cut_recording_keeps_every_whole_chunk() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let wanted = entries(40);
     let per_chunk = 3;
     let bytes = recorded(&path, &wanted, per_chunk);
@@ -156,58 +152,32 @@ fn a_cut_recording_keeps_every_whole_chunk() {
     assert!(matches!(parse(&[], &path), Err(HwError::Empty { .. })));
 }
 
-const CHILD: &str = "EIT_HW_TEST_RECORDING";
-
-/// Not a test of its own: the program that the next test kills. It prints the time of each frame that is written.
-#[test]
-fn killed_writer() {
-    let Ok(path) = std::env::var(CHILD) else { return };
-    let settings = CaptureSettings { flush_s: 0.2, ..CaptureSettings::default() };
-    let mut writer = CaptureWriter::create(Path::new(&path), &session(), settings).unwrap();
-    let start = Instant::now();
-    for sequence in 0.. {
-        let now_s = start.elapsed().as_secs_f64();
-        writer.frame(&Frame { host_time_s: Some(now_s), ..frame(sequence) }).unwrap();
-        println!("\nwritten {now_s}");
-        std::thread::sleep(Duration::from_millis(2));
-        assert!(now_s < 60.0, "nobody killed it");
-    }
-}
-
+/// The file as it is while the recorder runs is what a killed one leaves.
 #[test]
 fn a_killed_recorder_loses_the_last_moment_only() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("killed.mcap");
-    let mut child = std::process::Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "--nocapture", "capture::killed_writer"])
-        .env(CHILD, &path)
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    let lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let mut times = lines.filter_map(|line| line.unwrap().strip_prefix("written ")?.parse().ok());
-    let mut written: Vec<f64> = Vec::new();
-    while written.last().is_none_or(|time_s| *time_s < 0.7) {
-        written.push(times.next().unwrap());
+    let [path, killed] = ["a.mcap", "killed.mcap"].map(|name| folder.path().join(name));
+    let settings = CaptureSettings { flush_s: 0.2, ..CaptureSettings::default() };
+    let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
+    let (start, mut written) = (Instant::now(), Vec::new());
+    while start.elapsed().as_secs_f64() < 0.7 {
+        written.push(start.elapsed().as_secs_f64());
+        writer.frame(&frame(written.len() as u64 - 1)).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
     }
-    // SIGKILL on Unix
-    child.kill().unwrap();
-    written.extend(times);
-    child.wait().unwrap();
-    let capture = read(&path).unwrap();
+    std::fs::copy(&path, &killed).unwrap();
+    let capture = read(&killed).unwrap();
     assert!(capture.damage.unfinished && capture.damage.bad_chunks == 0);
-    for (sequence, found) in (0..).zip(capture.frames()) {
-        assert_eq!((found.sequence, &found.values), (sequence, &frame(sequence).values));
-    }
+    assert!(capture.frames().zip(0..).all(|(found, sequence)| *found == frame(sequence)));
     let frames = capture.frames().count();
     let lost_s = written.get(frames).map_or(0.0, |first| written[written.len() - 1] - first);
-    // 0.2 s is set; in the program's own time, however often it waits for the processor
+    // 0.2 s is set; the recorder looks at the clock with each frame, however often it waits for the processor
     assert!(frames > 0 && lost_s < 0.5, "{lost_s} of {frames}");
 
     // it can be appended to
-    append(&path).unwrap().finish().unwrap();
-    let after = read(&path).unwrap();
-    assert!(!after.damage.unfinished && after.frames().count() == capture.frames().count());
+    append(&killed).unwrap().finish().unwrap();
+    let after = read(&killed).unwrap();
+    assert!(!after.damage.unfinished && after.frames().count() == frames);
 }
 
 /// Appends to a recording: each run begins at epoch 0 and sequence 0. Replayed, the second run is
@@ -215,8 +185,7 @@ fn a_killed_recorder_loses_the_last_moment_only() {
 /// first frame, and frames that were not recorded after it are not lost.
 #[test]
 fn a_second_run_is_another_epoch() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("p.mcap");
+    let (_folder, path) = place("p.mcap");
     for start in [create, append] {
         let mut writer = start(&path).unwrap();
         (0..3).for_each(|sequence| writer.frame(&frame(sequence)).unwrap());
@@ -228,23 +197,16 @@ fn a_second_run_is_another_epoch() {
     }
     let open = || Replay::open(&path, None, Pace::OnDemand).unwrap();
     assert_eq!(open().without_references().reference_frames(), None);
-    let mut replay = open();
-    assert_eq!(replay.reference_frames(), Some(2));
-    let mut reported = Vec::new();
-    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
-        reported.push(match event {
-            Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
-            Event::Reconnected { epoch } => format!("epoch {epoch}"),
-            Event::Reference { epoch, sequences, until } => {
-                format!("{epoch}: {sequences:?} {until:?}")
-            }
-            Event::Gap { frames } => format!("{frames} lost"),
-            other => panic!("{other:?}"),
-        });
-    }
-    let first = ["0: [0, 1] Some(1)", "0.0", "0.1", "0.2", "0.7", "1 lost", "0.9", "epoch 1"];
-    let second = ["1: [0, 1] Some(1)", "1.0", "1.1", "1.2", "1.7", "1 lost", "1.9"];
-    assert_eq!(reported, [&first[..], &second].concat());
+    assert_eq!(open().reference_frames(), Some(2));
+    let run = |epoch: u32| {
+        let frames = [0, 1, 2, 7].map(|sequence| format!("{epoch}.{sequence}"));
+        let reference =
+            format!("Reference {{ epoch: {epoch}, sequences: [0, 1], until: Some(1) }}");
+        let gap = "Gap { frames: 1 }".to_owned();
+        [vec![reference], frames.to_vec(), vec![gap, format!("{epoch}.9")]].concat()
+    };
+    let wanted = [run(0), vec!["Reconnected { epoch: 1 }".to_owned()], run(1)].concat();
+    assert_eq!(replayed(open()), wanted);
 
     // a recording of another set-up is rejected and stays as it is
     let before = std::fs::read(&path).unwrap();
@@ -282,8 +244,7 @@ fn a_file_that_is_removed_ends_the_recording() {
 
 #[test]
 fn a_recording_is_read_like_any_other_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press");
+    let (folder, path) = place("press");
     recorded(&path, &entries(30), 7);
     let recording = read_recording(&path, None, &ReadOptions::default()).unwrap();
     assert_eq!((recording.format, recording.unit), (Format::Mcap, Unit::Volt));
@@ -308,8 +269,7 @@ fn a_recording_is_read_like_any_other_file() {
 
 #[test]
 fn what_cannot_be_written_or_read_is_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     drop(create(&path).unwrap());
     // a recording is never overwritten
     assert!(matches!(create(&path), Err(HwError::Exists { .. })));

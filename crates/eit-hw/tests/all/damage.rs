@@ -1,17 +1,16 @@
-//! Recordings that are damaged or written by two programs: nothing intact is lost, and every loss
-//! is reported.
+//! Recordings that are damaged or written by two programs: nothing intact is lost; every loss is reported.
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
+use crate::common::place;
 use crate::common::recordings::{
     append, channel, chunks, container, create, frame, frame_json, lz4_chunk, message, recorded,
-    session,
+    replayed, session,
 };
 use eit_hw::HwError;
 use eit_hw::capture::{Damage, Entry, parse, read, recover};
-use eit_hw::driver::{Event, FrameSource, Pace, Replay};
+use eit_hw::driver::{Pace, Replay};
 
 const PER_CHUNK: u64 = 5;
 
@@ -39,8 +38,7 @@ fn sequences(bytes: &[u8]) -> Vec<u64> {
 /// A replay says at its end, once, what a damaged recording lacks; of an intact one it says nothing.
 #[test]
 fn a_replay_tells_what_is_damaged() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let bytes = recording(&path, 4);
     let third = chunks(&bytes)[3].clone();
     let middle = third.start.midpoint(third.end);
@@ -49,26 +47,20 @@ fn a_replay_tells_what_is_damaged() {
     let cut = bytes[..middle].to_vec();
     for (bytes, frames, reported) in [(bytes, 20, 0), (bad, 15, 1), (cut, 10, 1)] {
         std::fs::write(&path, bytes).unwrap();
-        let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
-        let (mut found, mut notices) = (0, Vec::new());
-        while !replay.is_over() {
-            match replay.next_event(Duration::ZERO).unwrap() {
-                Some(Event::Frame(_)) => found += 1,
-                Some(Event::Notice(text)) => notices.push((found, text)),
-                _ => {}
-            }
-        }
-        assert_eq!((found, notices.len()), (frames, reported), "{notices:?}");
-        assert!(notices.iter().all(|(at, text)| *at == frames && text.contains("damaged")));
+        let said = replayed(Replay::open(&path, None, Pace::OnDemand).unwrap());
+        assert_eq!(said.iter().filter(|text| text.starts_with("0.")).count(), frames);
+        let last = said.iter().position(|text| text.starts_with("notice"));
+        let notices = &said[last.unwrap_or(said.len())..];
+        assert_eq!(notices.len(), reported, "{notices:?}");
+        assert!(notices.iter().all(|text| text.contains("damaged")), "{notices:?}");
     }
 }
 
-/// Flips every bit of every byte before the content of a chunk: the content shows what the header
-/// should say.
+/// Flips every bit before the content of a chunk: the content shows what the header should say.
 #[test]
 fn a_damaged_head_costs_at_most_its_chunk() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 3);
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording(&path, 3);
     let heads = chunks(&bytes);
     assert_eq!(heads.len(), 4);
     let mut mended = 0;
@@ -84,17 +76,15 @@ fn a_damaged_head_costs_at_most_its_chunk() {
             mended += damage.mended_chunks;
         }
     }
-    // three chunks, all bits of the two lengths and of the opcode, except for two bits that turn the
-    // opcode into a channel or a message index
+    // all bits of the two lengths and of the opcode, but two that turn it into a channel or a message index
     assert_eq!(mended, 3 * (64 + 64 + 8 - 2));
 }
 
-/// Damages any bit of the file, or any stretch of up to 5 bytes: at most two chunks are lost, and
-/// the loss is reported.
+/// Damages any bit of the file, or any stretch of up to 5 bytes.
 #[test]
 fn any_damage_costs_little_and_is_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 4);
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording(&path, 4);
     let mut random = fixtures::Random::new(3);
     for round in 0..3000 {
         let mut damaged = bytes.clone();
@@ -107,12 +97,10 @@ fn any_damage_costs_little_and_is_reported() {
     }
 }
 
-/// A bad chunk after damage, at the end of an unfinished recording: a failed search finds no
-/// record.
+/// A bad chunk after damage, at the end of an unfinished recording.
 #[test]
 fn damage_that_no_whole_chunk_follows_is_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let bytes = recording(&path, 3);
     let last = chunks(&bytes).pop().unwrap();
     let whole = sequences(&bytes[..last.start]);
@@ -137,8 +125,7 @@ fn damage_that_no_whole_chunk_follows_is_reported() {
 /// One flipped length; then an incomplete record at the end.
 #[test]
 fn going_on_never_cuts_a_whole_chunk_and_keeps_what_it_cuts() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     let bytes = recording(&path, 8);
     let mut damaged = bytes.clone();
     damaged[chunks(&bytes)[3].start + 5] ^= 1;
@@ -191,8 +178,7 @@ fn what_follows_the_first_bytes_alone_is_kept_too() {
 
 #[test]
 fn two_recorders_do_not_share_a_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let first = create(&path).unwrap();
     let refused = append(&path).err().unwrap();
     assert!(matches!(&refused, HwError::Busy { .. }), "{refused}");
@@ -303,8 +289,7 @@ fn recover_tells_what_is_whole_but_no_frame() {
 /// The chunk that defines the topics is bad: messages are recognised by their content.
 #[test]
 fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     let mut bytes = recording(&path, 4);
     let first = chunks(&bytes)[0].clone();
     // one flipped bit of compressed data may stand for the same text
@@ -320,8 +305,8 @@ fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
 
 #[test]
 fn two_recordings_behind_each_other_are_read_both() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 3);
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording(&path, 3);
     let entries = parse(&bytes.repeat(2), Path::new("both.mcap")).unwrap().entries;
     let sessions = entries.iter().filter(|entry| matches!(entry, Entry::Session(_))).count();
     assert_eq!((sessions, entries.len() as u64), (2, 2 * (1 + 3 * PER_CHUNK)));

@@ -55,9 +55,8 @@ fn read_recording_names_the_right_order() {
     assert!(better[0].error < 1e-14 && ours > 0.75, "{better:?} {ours}");
 }
 
-/// 208 adjacent measurements: each of the 16 electrodes measures in 26 of them. Of the 60 frames,
-/// at least the last 20 have the last electrode off; it may be more, since the instrument counts
-/// from its own start and frames before the session are not received.
+/// Each electrode measures in 26 of the 208 measurements. At least the last 20 of the 60 frames have one off: the
+/// instrument counts from its own start.
 #[test]
 fn stream_flags_what_the_instrument_could_not_measure_and_records_all() {
     let folder = tempfile::tempdir().unwrap();

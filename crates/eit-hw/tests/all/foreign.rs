@@ -1,5 +1,4 @@
-//! Recordings of other programs, and files that only resemble recordings: read within limits, or
-//! rejected.
+//! Recordings of other programs, and files that only resemble recordings.
 
 use std::path::Path;
 

@@ -2,13 +2,14 @@
 //! and without faults. No frame may contain a value that the instrument did not measure.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::common::instruments::{
-    LIMIT, check_eits1, check_sciospec, eits1_device, eits1_driver, events, falls_silent, frames,
-    information, line, on_line, quick, sciospec_device, sciospec_session, start, wait_for,
+    LIMIT, check_eits1, check_sciospec, eits1_device, eits1_driver, eits1_session, events,
+    falls_silent, frames, information, on_line, quick, sciospec_device, sciospec_session, start,
+    wait_for,
 };
-use crate::common::{ascending, rotated};
+use crate::common::{ascending, place, rotated};
 use eit_hw::capture::{CaptureReader, CaptureSettings, CaptureWriter, Entry, Recorder, Tape};
 use eit_hw::capture::{SessionRecord, TouchesRecord};
 use eit_hw::codec::eits1::Information;
@@ -22,8 +23,7 @@ use eit_hw::{Endpoint, HwError, Layout, Quadruple, Quality, Unit};
 
 #[test]
 fn eits1_over_a_serial_line_end_to_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let emulator = on_line(eits1_device("7"), &folder, FaultPlan::default());
+    let (_folder, emulator) = on_line(eits1_device("7"), FaultPlan::default());
     // the scene's order differs from the one that the driver measures
     let wanted: Vec<Quadruple> = ascending(16);
     let settings = SessionSettings { quadruples: Some(wanted.clone()), ..quick() };
@@ -51,7 +51,6 @@ fn eits1_over_a_serial_line_end_to_end() {
 /// Every accepted frame is right, and every lost frame is counted.
 #[test]
 fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
-    let folder = tempfile::tempdir().unwrap();
     let plan = FaultPlan {
         seed: 5,
         spared_bytes: 3000,
@@ -60,7 +59,7 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
         insert_byte: 1e-4,
         ..FaultPlan::default()
     };
-    let emulator = on_line(eits1_device("7"), &folder, plan);
+    let (_folder, emulator) = on_line(eits1_device("7"), plan);
     let driver = eits1_driver(16, 400.0);
     let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
     let (mut seen, mut gaps, mut last) = (0, 0, None);
@@ -88,30 +87,33 @@ fn eits1_on_a_bad_line_loses_frames_but_tells_no_wrong_one() {
 
 /// Waits for the error that ends a session.
 fn end(session: &Session) -> HwError {
-    let start = Instant::now();
-    loop {
-        assert!(start.elapsed() < LIMIT);
-        if let Err(error) = session.next_event(Duration::from_millis(500)) {
-            return error;
-        }
-    }
+    let mut error = None;
+    wait_for(|| {
+        error = session.next_event(Duration::from_millis(500)).err();
+        error.is_some()
+    });
+    error.unwrap()
 }
 
+/// The instrument is found at its path although the system gives it another name; another one there is refused.
+#[cfg(unix)]
 #[test]
 fn another_instrument_on_the_same_port_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let listen = line(&folder);
-    let device = |serial| Box::new(eits1_device(serial));
-    let mut first = Emulator::start(device("7"), &listen, FaultPlan::default()).unwrap();
-    let endpoint = first.endpoint().clone();
-    let session = Session::open(eits1_driver(16, 200.0), &endpoint, quick()).unwrap();
-    frames(&session).nth(4);
-    first.stop();
-    let again = match &endpoint {
-        Endpoint::Tcp { address } => Listen::Tcp(address.clone()),
-        Endpoint::Serial { .. } => listen,
+    let (_folder, path) = place("skin");
+    let plug_in = |serial| {
+        let listen = Listen::PseudoTerminal(path.clone());
+        Emulator::start(Box::new(eits1_device(serial)), &listen, FaultPlan::default()).unwrap()
     };
-    let _second = Emulator::start(device("8"), &again, FaultPlan::default()).unwrap();
+    let mut first = plug_in("7");
+    let session = eits1_session(&first, 16);
+    frames(&session).nth(4);
+    // keeps its name in use while the second one starts
+    let _keep = std::fs::File::open(std::fs::read_link(&path).unwrap());
+    first.stop();
+    let mut second = plug_in("7");
+    check_eits1(&frames(&session).find(|frame| frame.epoch == 1).unwrap(), &rotated(16));
+    second.stop();
+    let _third = plug_in("8");
     let error = end(&session);
     let HwError::Identity { wanted, found, .. } = &error else { panic!("{error}") };
     assert_eq!((wanted.as_str(), found.as_str()), ("emulated skin 7", "emulated skin 8"));
@@ -122,14 +124,13 @@ fn another_instrument_on_the_same_port_is_refused() {
 /// An instrument with fewer electrodes, or less room for measurements, than the scene needs.
 #[test]
 fn an_instrument_that_is_too_small_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
     for (electrodes, max_measurements, wanted) in [
         (8, 256, "the number of electrodes was set to 16, but the instrument reports at most 8"),
         (16, 4, "the number of measurements was set to "),
     ] {
         let small = Information { electrodes, max_measurements, ..information("7", false) };
         let device = Eits1Device::new(small, Box::new(|_, _, values| values.fill(1.0)));
-        let emulator = on_line(device, &folder, FaultPlan::default());
+        let (_folder, emulator) = on_line(device, FaultPlan::default());
         let refused =
             Session::open(eits1_driver(16, 100.0), emulator.endpoint(), quick()).unwrap_err();
         assert!(matches!(&refused, HwError::ReadBack { .. }), "{refused}");
@@ -185,7 +186,6 @@ fn a_recording_waits_for_nobody() {
     let create =
         |path: &Path| CaptureWriter::create(path, &record, CaptureSettings::default()).unwrap();
     assert!(matches!(recorder.next_event(LIMIT).unwrap(), Some(Event::Frame(_))));
-    // nothing is recorded yet
     wait_for(|| recorder.statistics().frames > 20);
     assert!(!tape.is_on());
     tape.write(|| panic!("made although nothing is recorded"));
@@ -203,7 +203,6 @@ fn a_recording_waits_for_nobody() {
     let ((first, touches), (second, _)) = (recorded(&files[0]), recorded(&files[1]));
     assert!(first.len() >= 60 && second.len() >= 30, "{} {}", first.len(), second.len());
     assert_eq!(touches, 1);
-    // the consumer has taken nothing
     let statistics = recorder.statistics();
     let events: Vec<Event> =
         std::iter::from_fn(|| recorder.next_event(Duration::ZERO).unwrap()).collect();
@@ -247,9 +246,8 @@ fn every_board_over_a_line() {
                 parts.fill(value(sequence, quadruple));
             }
         };
-        let folder = tempfile::tempdir().unwrap();
         let device = BoardDevice::new(sent.clone(), rate_hz, Box::new(source));
-        let emulator = on_line(device, &folder, FaultPlan::default());
+        let (_folder, emulator) = on_line(device, FaultPlan::default());
         let driver = expected.driver().unwrap();
         let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
         for frame in frames(&session).take(if rate_hz < 10.0 { 6 } else { 10 }) {
@@ -267,9 +265,8 @@ fn every_board_over_a_line() {
 #[test]
 fn sciospec_over_a_serial_line_with_either_polarity() {
     for (electrodes, reversed) in [(16, false), (16, true), (32, true)] {
-        let folder = tempfile::tempdir().unwrap();
         let device = sciospec_device(electrodes, reversed);
-        let emulator = on_line(device, &folder, FaultPlan::default());
+        let (_folder, emulator) = on_line(device, FaultPlan::default());
         let session = sciospec_session(&emulator, electrodes);
         assert_eq!(session.setup().identity.to_string(), "Sciospec 0019 011F (2020-07)");
         let (mut seen, mut polarity, mut events) = (0, Vec::new(), events(&session));
@@ -290,13 +287,11 @@ fn sciospec_over_a_serial_line_with_either_polarity() {
     }
 }
 
-/// Lost bytes leave gaps, which are flagged; no value is wrong. (Changed bits within a value cannot
-/// be detected: this protocol has no checksum.)
+/// Lost bytes leave gaps, which are flagged; no value is wrong.
 #[test]
 fn sciospec_on_a_line_that_loses_bytes() {
-    let folder = tempfile::tempdir().unwrap();
     let plan = FaultPlan { seed: 3, spared_bytes: 4000, drop_byte: 2e-4, ..FaultPlan::default() };
-    let emulator = on_line(sciospec_device(16, false), &folder, plan);
+    let (_folder, emulator) = on_line(sciospec_device(16, false), plan);
     let session = sciospec_session(&emulator, 16);
     let mut holes = 0;
     for frame in frames(&session).take(100) {
@@ -375,8 +370,7 @@ fn what_an_instrument_cannot_do_is_refused_by_name() {
     assert!(error.to_string().contains("value cannot be set"), "{error}");
 }
 
-/// A host that disconnects in the middle of a frame leaves a terminal that nobody reads: writing to
-/// it blocks, and the emulator stops all the same.
+/// A host that disconnects leaves a terminal that nobody reads: writing blocks, and the emulator stops all the same.
 #[cfg(unix)]
 #[test]
 fn an_emulator_ends_although_nobody_reads_its_terminal() {
@@ -389,8 +383,7 @@ fn an_emulator_ends_although_nobody_reads_its_terminal() {
         }
         fn power_cycle(&mut self) {}
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("skin");
+    let (_folder, path) = place("skin");
     let listen = Listen::PseudoTerminal(path.clone());
     let mut emulator = Emulator::start(Box::new(Chatter), &listen, FaultPlan::default()).unwrap();
     let mut host = serialport::new(path.display().to_string(), 115_200)

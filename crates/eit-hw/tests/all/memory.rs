@@ -1,5 +1,4 @@
-//! Memory of every reader: at most 64 MB plus ten times the file, whatever it holds. Counted by the
-//! allocator, up to the peak while reading.
+//! Memory of every reader, by the allocator: at most 64 MB plus ten times the file, whatever it holds.
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -8,7 +7,7 @@ use crate::common::arrays::npy_bytes;
 use crate::common::recordings::{
     channel, chunk, container, create, frame, frame_json, lz4_chunk, message, zeros,
 };
-use crate::common::table as options;
+use crate::common::{place, table as options};
 use allocation_counter::measure;
 use eit_hw::capture::{self, CaptureReader};
 use eit_hw::{Format, FrameOrientation, HwError, ReadOptions, Recording, read_recording};
@@ -34,8 +33,7 @@ fn read(
     format: Option<Format>,
     options: &ReadOptions,
 ) -> Result<Recording, HwError> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let (_folder, path) = place(name);
     std::fs::write(&path, content).unwrap();
     within(name, content.len(), || read_recording(&path, format, options))
 }
@@ -144,8 +142,7 @@ fn logs_of_boards_and_instruments() {
 
 /// Reads a recording in every way; each takes little memory or is refused with the sizes.
 fn check_capture(name: &str, bytes: &[u8], is_read: bool) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
+    let (folder, path) = place(name);
     std::fs::write(&path, bytes).unwrap();
     let refused = |error: &HwError| {
         matches!(error, HwError::TooLarge { .. } | HwError::Container { .. }) && !is_read
@@ -203,8 +200,7 @@ fn recordings_packed_hard_and_loosely() {
 /// What an instrument records: 208 values that differ in all digits.
 #[test]
 fn recordings_of_instruments_are_read_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (_folder, path) = place("press.mcap");
     let mut writer = create(&path).unwrap();
     (0..8000).for_each(|sequence| writer.frame(&frame(sequence)).unwrap());
     writer.finish().unwrap();

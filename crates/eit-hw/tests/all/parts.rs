@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::common::instruments::wait_for;
-use crate::common::recordings::{append, frame, session};
-use crate::common::rotated;
+use crate::common::recordings::{self, append, frame, session};
+use crate::common::{place, rotated};
 use eit_hw::capture::{
     CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord, TouchesRecord,
     files, read, recover,
 };
-use eit_hw::driver::{Event, FrameSource, Pace, Replay};
+use eit_hw::driver::{Event, Pace, Replay};
 use eit_hw::{HwError, ReadOptions, read_recording};
 use fixtures::Random;
 
@@ -55,18 +55,11 @@ fn sequences(path: &Path) -> Vec<u64> {
     read(path).unwrap().frames().map(|frame| frame.sequence).collect()
 }
 
-/// Replays a recording; returns its frames as `epoch.sequence`, and its other events but notes.
+/// Replays a recording without its notes.
 fn replayed(path: &Path) -> Vec<String> {
-    let mut replay = Replay::open(path, None, Pace::OnDemand).unwrap();
-    let mut reported = Vec::new();
-    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
-        match event {
-            Event::Frame(frame) => reported.push(format!("{}.{}", frame.epoch, frame.sequence)),
-            Event::Notice(_) => {}
-            other => reported.push(format!("{other:?}")),
-        }
-    }
-    reported
+    let mut said = recordings::replayed(Replay::open(path, None, Pace::OnDemand).unwrap());
+    said.retain(|text| !text.starts_with("notice"));
+    said
 }
 
 #[test]
@@ -119,8 +112,7 @@ fn parts_are_read_as_one() {
 
 #[test]
 fn parts_end_by_time_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     let settings = CaptureSettings { part_s: Some(1.0), ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
     writer.frame(&frame(0)).unwrap();
@@ -149,8 +141,7 @@ fn parts_end_by_time_too() {
 /// A killed recorder loses what came after its last chunk, whichever part it was writing.
 #[test]
 fn an_unfinished_part_is_appended_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     for flushed in [2 * PER_PART, 2 * PER_PART + 10] {
         let mut writer = CaptureWriter::create(&path, &session(), split()).unwrap();
         write(&mut writer, 0..flushed);
@@ -270,8 +261,7 @@ fn damage_of_one_part_costs_nothing_of_the_others() {
 /// If the next part cannot be created, the recording goes on where it is.
 #[test]
 fn a_part_that_cannot_be_created_costs_no_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     let mut writer = CaptureWriter::create(&path, &session(), split()).unwrap();
     write(&mut writer, 0..PER_PART);
     // in the way of the second part

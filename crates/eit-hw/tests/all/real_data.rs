@@ -54,8 +54,7 @@ fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) 
     }
 }
 
-/// Each recording's reciprocity errors are those stated, and its order of measurements is recognised. Its shape is
-/// that of a homogeneous disc with point electrodes, with the sign of the instrument.
+/// The shape is that of a homogeneous disc with point electrodes, with the sign of the instrument.
 #[test]
 fn orders_errors_and_signs_are_those_stated() {
     let turned = [rotated(16), ascending(16)];
@@ -63,8 +62,7 @@ fn orders_errors_and_signs_are_those_stated() {
     let kept = [ascending_kept(16), rotated_kept(16)];
     let (goe, sciospec, lct) = (Format::Goe, Format::Sciospec, Format::Lct);
     let lct_errors = [0.0975, 0.146];
-    // the right order of the measurements and a wrong one, the lowest and highest error of a frame, and the sign
-    // unless what is in the tank may hide its shape
+    // right and wrong order, lowest and highest error of a frame, and the sign unless the tank may hide its shape
     for (file, format, dim, [right, wrong], [low, high], sign) in [
         // single frames vary by 0.1 to 0.3 %
         ("goe_mf2_ball/ball_200_frames.get", goe, (200, 208), &turned, [0.0265, 0.0315], -1),

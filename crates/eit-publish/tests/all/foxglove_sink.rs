@@ -1,8 +1,8 @@
 //! A skin for Foxglove, as a client of its WebSocket protocol and a reader of its recordings get it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{FAULTS, frame, start, touch};
-use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher, SkinShape};
+use crate::common::{FAULTS, frame, shape, start, touch};
+use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
 use eit_skin::{LearntTouch, SkinState, Touch, TouchFrame, TouchState};
@@ -15,17 +15,6 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(20);
-
-fn shape() -> SkinShape {
-    SkinShape {
-        name: "arm".into(),
-        outlines_m: vec![vec![[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.0, 0.1]]],
-        electrodes_m: (0..8)
-            .map(|n| vec![[0.02 * f64::from(n), 0.0], [0.02 * f64::from(n) + 0.01, 0.0]])
-            .collect(),
-        extent_m: [0.0, 0.2, 0.0, 0.1],
-    }
-}
 
 pub(crate) fn decoded<T: Decode>(bytes: &[u8]) -> T {
     T::decode(bytes).unwrap_or_else(|_| panic!("a message"))

@@ -1,8 +1,8 @@
 //! The live page as a browser gets it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{datagrams, received, schema, wait_for};
-use eit_publish::{Publisher, Recording, SkinImage, SkinShape, WebServer};
+use crate::common::{datagrams, received, schema, shape, wait_for};
+use eit_publish::{Publisher, Recording, SkinImage, WebServer};
 use eit_skin::ndarray::array;
 use eit_skin::{SkinState, TouchFrame};
 use serde_json::{Value, json};
@@ -46,15 +46,6 @@ fn events(address: &str) -> BufReader<TcpStream> {
 
 fn get(path: &str, host: &str) -> String {
     format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n")
-}
-
-fn shape() -> SkinShape {
-    SkinShape {
-        name: "arm".into(),
-        outlines_m: vec![vec![[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]]],
-        electrodes_m: vec![vec![[0.0, 0.0], [0.01, 0.0]]],
-        extent_m: [0.0, 0.1, 0.0, 0.1],
-    }
 }
 
 fn frame(sequence: u64) -> TouchFrame<'static> {
@@ -240,7 +231,7 @@ fn recordings_are_asked_for_with_the_token_only() {
     assert_eq!(event(&mut page)["error"], "disk full");
 
     // where nothing can be recorded, the page does not offer it
-    let (server, other) = server();
+    let (server, other) = self::server();
     assert!(!server.url().contains("token"));
     answer(&other, &post("/record/start", &other), 404);
 }

@@ -22,20 +22,18 @@ pub fn quick() -> SessionSettings {
 }
 
 /// A pseudo-terminal in the folder where available, otherwise TCP.
-pub fn line(folder: &tempfile::TempDir) -> Listen {
+fn line(folder: &tempfile::TempDir) -> Listen {
     #[cfg(unix)]
     return Listen::PseudoTerminal(folder.path().join("skin"));
     #[cfg(not(unix))]
     return (folder, own_port()).1;
 }
 
-/// Starts an instrument behind a line in the folder.
-pub fn on_line(
-    device: impl Device + 'static,
-    folder: &tempfile::TempDir,
-    plan: FaultPlan,
-) -> Emulator {
-    Emulator::start(Box::new(device), &line(folder), plan).unwrap()
+/// Starts an instrument behind a line in a folder of its own.
+pub fn on_line(device: impl Device + 'static, plan: FaultPlan) -> (tempfile::TempDir, Emulator) {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = Emulator::start(Box::new(device), &line(&folder), plan).unwrap();
+    (folder, emulator)
 }
 
 /// Starts an instrument behind a TCP port.

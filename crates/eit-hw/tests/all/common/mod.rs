@@ -7,6 +7,7 @@ pub mod wire;
 
 use std::collections::HashSet;
 use std::net::Ipv4Addr;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use eit_hw::emulator::Listen;
@@ -56,6 +57,13 @@ pub fn opposite(n: u32) -> Vec<Quadruple> {
         .flat_map(|d| (0..n).map(move |m| [d, (d + n / 2) % n, m, (m + 1) % n]))
         .filter(|quadruple| quadruple.iter().collect::<HashSet<_>>().len() == 4)
         .collect()
+}
+
+/// A place for a file of this name, in a folder of its own.
+pub fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
 }
 
 /// Parses the content of a file `f.FORMAT`.

@@ -2,8 +2,10 @@
 
 use std::ops::Range;
 use std::path::Path;
+use std::time::Duration;
 
 use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, MAGIC, SessionRecord, UnitName};
+use eit_hw::driver::{Event, FrameSource as _, Replay};
 use eit_hw::{Frame, HwError, Quality};
 
 use super::rotated;
@@ -74,6 +76,20 @@ pub fn chunks(bytes: &[u8]) -> Vec<Range<usize>> {
         at += 9 + length;
     }
     found
+}
+
+/// Replays a recording: its frames as `EPOCH.SEQUENCE`, then notices and other events.
+pub fn replayed(mut replay: Replay) -> Vec<String> {
+    let mut reported = Vec::new();
+    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
+        reported.push(match event {
+            Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
+            Event::Notice(text) => format!("notice: {text}"),
+            other => format!("{other:?}"),
+        });
+    }
+    assert!(replay.is_over());
+    reported
 }
 
 /// Returns a container of these records, without an index.

@@ -4,7 +4,6 @@ use eit_hw::Quality;
 use eit_hw::codec::{eits1, sciospec, text};
 use text::{Fault, Framing, Number, TextFormat};
 
-use super::garbage;
 use crate::common::wire::{
     board_frame, eits1_events, eits1_frame, sciospec_events, sciospec_frame, text_events,
 };
@@ -50,8 +49,7 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
         ),
     ];
     for format in formats() {
-        // the first of plain lines may be incomplete and is therefore skipped; no two frames have a
-        // value in common
+        // the first of plain lines may be incomplete: it is skipped. No two frames have a value in common
         let frames: Vec<_> = (0..5).map(|frame| board_frame(&format, 100 * frame, 1)).collect();
         let name = format!("{:?}", format.framing);
         streams.push((name, Box::new(move |p| text_events(&format, p)), frames, "Frame"));
@@ -59,8 +57,7 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
     streams
 }
 
-/// One of four frames is damaged and may take another with it. In text, a value of the damaged
-/// frame may change, which no format without a checksum can reveal.
+/// One of four frames is damaged and may take another with it. In text, one of its values may change.
 #[test]
 fn row_02_one_damaged_byte_at_each_offset() {
     for (name, decode, frames, frame) in streams() {
@@ -94,24 +91,13 @@ fn row_02_one_damaged_byte_at_each_offset() {
     }
 }
 
+/// Wrong lengths and end tags are among the bytes of row 2.
 #[test]
-fn row_03_wrong_lengths_and_end_tags() {
+fn row_03_a_frame_that_is_cut_at_the_end_is_not_reported() {
     let one = sciospec_frame(1, [1, 2], 1, 5);
-    let data = |wire: &[u8]| {
-        sciospec_events(&[wire]).iter().filter(|event| event.starts_with("Data")).count()
-    };
-    // a wrong end tag is that of an answer, whose length is then waited for
-    for (place, byte, least) in
-        [(1, 0, 2), (1, 0x88, 2), (1, 0x8A, 2), (1, 0xFF, 2), (one.len() - 1, 0xB5, 3)]
-    {
-        let mut wrong = one.clone();
-        wrong[place] = byte;
-        let found = data(&[&one[..], &wrong, &one, &one].concat());
-        assert!((least..=3).contains(&found), "{byte:02X} at {place}");
-    }
-    // truncated at the end of the stream: the incomplete frame is not reported
     for end in 0..one.len() {
-        assert_eq!(data(&[&one[..], &one[..end]].concat()), 1, "{end}");
+        let events = sciospec_events(&[&one, &one[..end]]);
+        assert_eq!(events.iter().filter(|event| event.starts_with("Data")).count(), 1, "{end}");
     }
     let one = eits1_frame(1, 5, &[0.5; 4]);
     for end in 0..one.len() {
@@ -165,13 +151,6 @@ fn row_14_damaged_text() {
         (b"1,\xC3\xA4,3", Fault::NotANumber { field: 1 }),
         (b"1,\xFF\xFE,3", Fault::NotANumber { field: 1 }),
         (&long, Fault::TooLong),
-        // a lost comma merges two values
-        (b"12,3", values(2)),
-        (b"1,2.3.4,5", Fault::NotANumber { field: 1 }),
-        (b"1,nano,3", Fault::NotANumber { field: 1 }),
-        (b"1,0x10,3", Fault::NotANumber { field: 1 }),
-        (b"1,1e999,3", Fault::NotANumber { field: 1 }),
-        (b"1,FAILED Impedance Measurement,3", Fault::NotANumber { field: 1 }),
     ];
     for (line, fault) in cases {
         let wire = [b"0,0,0\n7,8,9\n".as_slice(), line, b"\n4,5,6\n"].concat();
@@ -187,8 +166,7 @@ fn row_14_damaged_text() {
     let wire = b"0,0,0\n1,2,3\r\n4,5,6\r7,8,9,\n\r\n\n1,2,3\n";
     let events = text_events(&format, &[wire]);
     assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 4, "{events:?}");
-    // what boards print for a number that is not finite is a missing value, also the first of a line: the frame
-    // is neither lost nor taken for a banner
+    // what boards print for a number that is not finite is a missing value, also the first of a line
     for word in ["nan", "NaN", "-nan", "inf", "-INF", "+Infinity", "ovf", "-ovf"] {
         let wire = format!("0,0,0\n1,{word},3\n{word},2,3\n");
         let events = text_events(&format, &[wire.as_bytes()]);
@@ -212,11 +190,6 @@ fn row_14_damaged_text() {
         text::Event::Skipped(fault) => panic!("{fault:?}"),
     });
     assert_eq!(seen, 1);
-    // hexadecimal without padding, and a line with the number of values of another board
-    let hex = TextFormat { number: Number::HexInteger, ..TextFormat::csv(3) };
-    let events = text_events(&hex, &[b"0,0,0\nff,f,ffffd8f1\n1,2,3,4\n"]);
-    assert!(events[1].contains("[255.0, 15.0, -9999.0]"), "{events:?}");
-    assert!(events[2].starts_with("Skipped"), "{events:?}");
 }
 
 #[test]
@@ -232,7 +205,8 @@ fn row_15_every_flipped_bit_and_a_million_bytes_of_garbage() {
             "bit {bit}: {events:?}"
         );
     }
-    let garbage = garbage(1_000_000, 42);
+    let mut random = fixtures::Random::new(42);
+    let garbage: Vec<u8> = (0..1_000_000).map(|_| random.below(256) as u8).collect();
     for (name, decode, frames, frame) in streams() {
         let events = decode(&[&garbage, b"\0\n", &frames.concat(), &frames.concat()]);
         let reported = events.iter().filter(|event| event.starts_with(frame)).count();

@@ -12,8 +12,8 @@ use eit_hw::emulator::{BoardDevice, Device, Eits1Device, Emulator, FaultPlan};
 use eit_hw::{Endpoint, Frame, HwError, Layout, Link, Quadruple};
 
 use crate::common::instruments::{
-    self, LIMIT, eits1_device, eits1_driver, eits1_session, events, falls_silent, frames,
-    information, on_line, quick, sciospec_device, sciospec_driver, start, wait_for,
+    self, LIMIT, eits1_device, eits1_driver, eits1_session, events, falls_silent, information,
+    on_line, quick, sciospec_device, sciospec_driver, start, wait_for,
 };
 use crate::common::rotated;
 use crate::common::wire::sciospec_frame;
@@ -255,8 +255,7 @@ fn row_08_unplugged_anywhere() {
         // again while it is identified and set up: 20 and 150 bytes later
         let unplug_after_bytes = vec![at, at + 20, at + 170];
         let plan = FaultPlan { unplug_after_bytes, unplugged_s: 0.03, ..FaultPlan::default() };
-        let folder = tempfile::tempdir().unwrap();
-        let emulator = on_line(eits1_device("7"), &folder, plan);
+        let (_folder, emulator) = on_line(eits1_device("7"), plan);
         let session = eits1_session(&emulator, 8);
         let (mut last, mut after, mut news, mut events) = (None, 0, Vec::new(), events(&session));
         while after < 10 {
@@ -290,23 +289,6 @@ fn row_08_unplugged_during_the_first_command() {
     assert!(matches!(error, HwError::Lost { .. } | HwError::NoReply { .. }), "{error}");
     assert!(error.to_string().contains(&emulator.endpoint().to_string()), "{error}");
     assert!(begun.elapsed() < Duration::from_secs(10));
-}
-
-/// The device is found at its path although the system gives it another name.
-#[cfg(unix)]
-#[test]
-fn row_08_the_path_stays_when_the_device_behind_it_changes() {
-    let folder = tempfile::tempdir().unwrap();
-    let place = folder.path().join("skin");
-    let mut first = on_line(eits1_device("7"), &folder, FaultPlan::default());
-    let session = eits1_session(&first, 8);
-    take(&session, 3, check_eits1);
-    let old = std::fs::read_link(&place).unwrap();
-    // keeps its name in use while the second one starts
-    let _keep = std::fs::File::open(&old);
-    first.stop();
-    let _second = on_line(eits1_device("7"), &folder, FaultPlan::default());
-    check_eits1(&frames(&session).find(|frame| frame.epoch == 1).unwrap());
 }
 
 /// A stop is not delayed by the search for a lost instrument.
@@ -369,8 +351,7 @@ fn row_09_a_consumer_that_is_slow_or_gone() {
     assert!(matches!(session.next_event(LIMIT), Err(HwError::Overflow { capacity: 4, .. })));
 }
 
-/// Bytes arrive one by one with pauses: the frames are complete all the same, and the stall is
-/// reported.
+/// Bytes arrive one by one with pauses: the frames are complete all the same, and the stall is reported.
 #[test]
 fn row_10_a_trickle_and_a_stall() {
     let mut held: std::collections::VecDeque<u8> = Default::default();
@@ -402,8 +383,7 @@ fn row_10_a_trickle_and_a_stall() {
     assert_eq!(session.statistics().damaged_bytes, 0);
 }
 
-/// The emulated instrument abandons a command that is interrupted for more than 10 ms, as the real
-/// one is said to; the driver sends each command in one piece.
+/// The emulated instrument abandons a command with a pause of more than 10 ms, as the real one is said to.
 #[test]
 fn row_10_a_command_with_a_pause_in_it() {
     let emulator = start(sciospec_device(8, false), FaultPlan::default());
@@ -421,12 +401,11 @@ fn row_10_a_command_with_a_pause_in_it() {
 #[cfg(unix)]
 #[test]
 fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
-    let folder = tempfile::tempdir().unwrap();
     let board = Board::preset("serial-16").unwrap();
     let values = |_: u64, _: &[Quadruple], values: &mut [f64]| values.fill(0.5);
     let device = BoardDevice::new(board.clone(), 40.0, Box::new(values));
     let plan = FaultPlan { line_baud: Some(115_200), ..FaultPlan::default() };
-    let emulator = on_line(device, &folder, plan);
+    let (_folder, emulator) = on_line(device, plan);
     let Endpoint::Serial { path, .. } = emulator.endpoint().clone() else { panic!("serial") };
     let at = |baud| Endpoint::Serial { path: path.clone(), baud, dtr: None };
     let driver = || Board { first_frame_s: 0.5, ..board.clone() }.driver().unwrap();
@@ -448,18 +427,16 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
 }
 
 /// On a slow line the set-up's 858 or 3 700 bytes there and back take longer than half a second.
-/// The host may assume another rate, as with an adapter.
 #[cfg(unix)]
 #[test]
 fn a_set_up_takes_the_time_of_its_line() {
     for (electrodes, baud) in [(16, 9600), (32, 57_600)] {
-        let folder = tempfile::tempdir().unwrap();
         let plan = FaultPlan { line_baud: Some(baud), ..FaultPlan::default() };
         let quadruples = rotated(electrodes);
         let (electrodes, max_measurements) = (electrodes as u16, quadruples.len() as u16);
         let information = Information { electrodes, max_measurements, ..information("7", false) };
         let source = |_: u64, _: &[Quadruple], values: &mut [f64]| values.fill(0.5);
-        let emulator = on_line(Eits1Device::new(information, Box::new(source)), &folder, plan);
+        let (_folder, emulator) = on_line(Eits1Device::new(information, Box::new(source)), plan);
         let Endpoint::Serial { path, .. } = emulator.endpoint().clone() else { panic!("serial") };
         let mut driver = Eits1::new(&quadruples, 0.5, 1e-4, 0.0).unwrap();
         let begun = Instant::now();
@@ -473,8 +450,7 @@ fn a_set_up_takes_the_time_of_its_line() {
     }
 }
 
-/// If an instrument identifies itself and then falls silent, the error does not name the baud
-/// rate.
+/// If an instrument identifies itself and then falls silent, the error does not name the baud rate.
 #[test]
 fn an_instrument_that_falls_silent_in_the_set_up_is_reported() {
     // it has no answer to long commands
@@ -490,8 +466,7 @@ fn an_instrument_that_falls_silent_in_the_set_up_is_reported() {
     assert!(error.contains("use the configuration") && !error.contains("baud"), "{error}");
 }
 
-/// Complete lines with another count: the error gives both counts and the electrodes that would
-/// fit.
+/// Complete lines with another count: the error gives both counts and the electrodes that would fit.
 #[test]
 fn a_board_of_other_electrodes_is_told_by_both_counts() {
     let of = |electrodes: u32| {

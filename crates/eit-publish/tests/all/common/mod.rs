@@ -52,6 +52,18 @@ pub fn frame<'a>(
     }
 }
 
+/// Four outline points and eight electrodes of 10 mm.
+#[cfg(any(feature = "foxglove", feature = "web", feature = "zenoh"))]
+pub fn shape() -> eit_publish::SkinShape {
+    let electrode = |start: f64| vec![[start, 0.0], [start + 0.01, 0.0]];
+    eit_publish::SkinShape {
+        name: "arm".into(),
+        outlines_m: vec![vec![[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.0, 0.1]]],
+        electrodes_m: (0..8).map(|n| electrode(0.02 * f64::from(n))).collect(),
+        extent_m: [0.0, 0.2, 0.0, 0.1],
+    }
+}
+
 /// A skin that is live.
 pub fn start() -> Start<'static> {
     Start {
