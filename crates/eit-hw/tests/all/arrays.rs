@@ -48,21 +48,14 @@ fn files_of_scipy_and_numpy_are_read() {
 fn numbers_of_matlab_of_every_type() {
     let wanted = array![[1.0, 2.0, 4.0], [3.0, 5.0, 6.0]];
     let values = [1_u8, 3, 2, 5, 4, 6];
-    type Bytes = fn(u8) -> Vec<u8>;
-    let types: [(u32, Bytes); 10] = [
-        (1, |v| (v as i8).to_le_bytes().to_vec()),
-        (2, |v| vec![v]),
-        (3, |v| i16::from(v).to_le_bytes().to_vec()),
-        (4, |v| u16::from(v).to_le_bytes().to_vec()),
-        (5, |v| i32::from(v).to_le_bytes().to_vec()),
-        (6, |v| u32::from(v).to_le_bytes().to_vec()),
-        (7, |v| f32::from(v).to_le_bytes().to_vec()),
-        (9, |v| f64::from(v).to_le_bytes().to_vec()),
-        (12, |v| i64::from(v).to_le_bytes().to_vec()),
-        (13, |v| u64::from(v).to_le_bytes().to_vec()),
-    ];
-    for (kind, bytes) in types {
-        let data: Vec<u8> = values.iter().flat_map(|&value| bytes(value)).collect();
+    let whole = |v: u8| u64::from(v).to_le_bytes();
+    let floats = |v: u8| f32::from(v).to_le_bytes();
+    let doubles = |v: u8| f64::from(v).to_le_bytes();
+    // signed and unsigned numbers of 1, 2, 4 and 8 bytes
+    let sizes = [(1, 1), (2, 1), (3, 2), (4, 2), (5, 4), (6, 4), (12, 8), (13, 8)];
+    let of_size = |size: usize| values.map(|v| whole(v)[..size].to_vec()).concat();
+    let floats = [(7, values.map(floats).concat()), (9, values.map(doubles).concat())];
+    for (kind, data) in sizes.map(|(kind, size)| (kind, of_size(size))).into_iter().chain(floats) {
         let variable = matrix("v", DOUBLE, &[2, 3], &[element(kind, &data)]);
         for content in [variable.clone(), compressed(&variable)] {
             let recording = parse(Mat, mat(&[content]), &plain()).unwrap();
@@ -78,15 +71,10 @@ fn numbers_of_matlab_of_every_type() {
     let alternate = ReadOptions { complex: true, ..plain() };
     refused(parse(Mat, mat(&[variable]), &alternate), &["`[recording] complex`", "real numbers"]);
     // big-endian: words and numbers of 8 bytes, but for names
-    let swap = |bytes: &[u8], size: usize| -> Vec<u8> {
-        bytes
-            .chunks(size)
-            .flat_map(|chunk| chunk.iter().rev().copied().collect::<Vec<_>>())
-            .collect()
-    };
+    let swap = |bytes: &[u8]| bytes.chunks(4).flat_map(|word| word.iter().rev().copied()).collect();
     let data = [1.5_f64, -2.0].map(f64::to_be_bytes).concat();
     let little = matrix("", DOUBLE, &[1, 2], &[]);
-    let mut content = swap(&little[8..little.len() - 8], 4);
+    let mut content: Vec<u8> = swap(&little[8..little.len() - 8]);
     content.extend([0, 1, 0, 1, b'v', 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 16]);
     content.extend(data);
     let size = u32::try_from(content.len()).unwrap().to_be_bytes();

@@ -131,7 +131,7 @@ fn a_frame_of_another_length_is_refused() {
 #[test]
 fn a_cut_recording_keeps_every_whole_chunk() {
     let (_folder, path) = place("a.mcap");
-    let wanted = entries(40);
+    let wanted = entries(20);
     let per_chunk = 3;
     let bytes = recorded(&path, &wanted, per_chunk);
     let ends: Vec<usize> = chunks(&bytes).iter().map(|chunk| chunk.end).collect();

@@ -2,23 +2,11 @@
 
 use std::process::Command;
 
-use crate::common::wire::{board_frame, eits1_events, eits1_frame, sciospec_events, text_events};
+use crate::common::wire::{eits1_events, eits1_frame, sciospec_events};
 use crate::common::{instruments, parse};
 use eit_hw::codec::{eits1, sciospec, text};
 use eit_hw::{HwError, Quadruple};
-use proptest::prelude::*;
 use text::{Framing, Number, TextFormat};
-
-fn presets() -> Vec<TextFormat> {
-    vec![
-        TextFormat::open_eit(8).unwrap(),
-        TextFormat::cn0565(),
-        TextFormat::black_sensor(),
-        TextFormat::eit_microcontroller(),
-        TextFormat::serial_16(),
-        TextFormat::csv(3),
-    ]
-}
 
 fn sciospec_frame() -> sciospec::DataFrame {
     let mut potentials_v = std::array::from_fn(|k| [0.125 * k as f32, 0.0]);
@@ -284,44 +272,6 @@ fn text_formats_that_cannot_be_are_refused() {
     ] {
         let message = text::Decoder::new(bad).unwrap_err().to_string();
         assert!(message.starts_with(name), "{message}");
-    }
-}
-
-/// Bytes that resemble each protocol: complete frames, truncated frames, garbage.
-fn stream() -> impl Strategy<Value = Vec<u8>> {
-    let eits1 = (any::<u32>(), prop::collection::vec(any::<f32>(), 0..20))
-        .prop_map(|(sequence, values)| eits1_frame(sequence, 7, &values));
-    let mut data = Vec::new();
-    sciospec::encode_data(&sciospec_frame(), &mut data);
-    data.extend([0x18, 1, 0x83, 0x18]);
-    let boards: Vec<Vec<u8>> = presets().iter().map(|format| board_frame(format, 0, 7)).collect();
-    let garbage = prop::collection::vec(any::<u8>(), 0..50);
-    let piece = prop_oneof![eits1, Just(data), prop::sample::select(boards), garbage];
-    let cut = (piece, 0.0..2.0).prop_map(|(mut piece, share)| {
-        piece.truncate((piece.len() as f64 * share) as usize);
-        piece
-    });
-    prop::collection::vec(cut, 0..8).prop_map(|pieces| pieces.concat())
-}
-
-proptest! {
-    #![proptest_config(fixtures::cases(256))]
-
-    /// No decoder panics, and the events do not depend on how the bytes are split.
-    #[test]
-    fn events_do_not_depend_on_the_pieces(bytes in stream(), sizes in prop::collection::vec(1_usize..40, 1..60)) {
-        let mut pieces: Vec<&[u8]> = Vec::new();
-        let (mut rest, mut sizes) = (&bytes[..], sizes.iter().cycle());
-        while !rest.is_empty() {
-            let (piece, after) = rest.split_at(rest.len().min(*sizes.next().unwrap()));
-            pieces.push(piece);
-            rest = after;
-        }
-        prop_assert_eq!(eits1_events(&[&bytes]), eits1_events(&pieces));
-        prop_assert_eq!(sciospec_events(&[&bytes]), sciospec_events(&pieces));
-        for format in presets() {
-            prop_assert_eq!(text_events(&format, &[&bytes]), text_events(&format, &pieces));
-        }
     }
 }
 

@@ -16,8 +16,19 @@ const PER_CHUNK: u64 = 5;
 
 /// Writes a recording with one chunk for the session and `chunks` chunks of 5 frames.
 fn recording(path: &Path, chunks: u64) -> Vec<u8> {
-    let frames = (0..chunks * PER_CHUNK).map(|sequence| Entry::Frame(frame(sequence)));
-    let entries: Vec<Entry> = [Entry::Session(session())].into_iter().chain(frames).collect();
+    recording_of(path, chunks, 208)
+}
+
+fn recording_of(path: &Path, chunks: u64, measurements: usize) -> Vec<u8> {
+    let mut session = session();
+    session.quadruples.truncate(measurements);
+    let frames = (0..chunks * PER_CHUNK).map(|sequence| {
+        let mut frame = frame(sequence);
+        frame.values.truncate(measurements);
+        frame.quality.truncate(measurements);
+        Entry::Frame(frame)
+    });
+    let entries: Vec<Entry> = [Entry::Session(session)].into_iter().chain(frames).collect();
     recorded(path, &entries, PER_CHUNK as usize)
 }
 
@@ -60,7 +71,7 @@ fn a_replay_tells_what_is_damaged() {
 #[test]
 fn a_damaged_head_costs_at_most_its_chunk() {
     let (_folder, path) = place("a.mcap");
-    let bytes = recording(&path, 3);
+    let bytes = recording_of(&path, 3, 20);
     let heads = chunks(&bytes);
     assert_eq!(heads.len(), 4);
     let mut mended = 0;
@@ -84,7 +95,7 @@ fn a_damaged_head_costs_at_most_its_chunk() {
 #[test]
 fn any_damage_costs_little_and_is_reported() {
     let (_folder, path) = place("a.mcap");
-    let bytes = recording(&path, 4);
+    let bytes = recording_of(&path, 4, 20);
     let mut random = fixtures::Random::new(3);
     for round in 0..3000 {
         let mut damaged = bytes.clone();

@@ -1,5 +1,4 @@
 //! Patches joined into a body: by messages with times that the test sets, and over zenoh.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{endpoint, frame, touch};
 use eit_publish::body::{Body, BodyNews, BodySettings, BodyState, Origin, Placement};
@@ -433,7 +432,7 @@ fn messages_that_cannot_be_read_are_named() {
     let other = SessionSettings { connect: vec![address], ..Default::default() }.open().unwrap();
     let hash = eit_publish::ros::type_hash("eit_skin_msgs/msg/TouchArray").unwrap();
     let speak = || {
-        for (patch, hash) in [("left", "RIHS01_0"), ("right", &hash)] {
+        for (patch, hash) in [("left", "RIHS01_0"), ("right", hash.as_str())] {
             let name = "eit_skin_msgs::msg::dds_::TouchArray_";
             other.put(format!("0/skin/{patch}/touches/{name}/{hash}"), vec![1, 2]).wait().unwrap();
         }

@@ -1,5 +1,4 @@
 //! A skin for Foxglove, as a client of its WebSocket protocol and a reader of its recordings get it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{FAULTS, frame, shape, start, touch};
 use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher};
@@ -107,8 +106,8 @@ fn a_recording_holds_scene_image_and_log() {
     assert_eq!((colour(2)[0], colour(2)[3], colour(3)), (255, 255, &[0; 4][..]));
 
     let said = [("no data", 3), ("unplugged", 4), ("repeats an old frame", 3)];
-    for (log, (word, level)) in logs.iter().zip(said) {
-        let log: Log = decoded(log);
+    for (place, (word, level)) in said.into_iter().enumerate() {
+        let log: Log = decoded(&logs[place]);
         assert!(log.message.contains(word) && log.level == level, "{log:?}");
     }
     let frozen = &scene.last().unwrap().entities[0];
@@ -187,7 +186,7 @@ impl Client {
         assert!(text.len() < 126);
         // masked with zeros
         let head = [0x81, 0x80 | text.len() as u8, 0, 0, 0, 0];
-        self.0.write_all(&[&head, text.as_bytes()].concat()).unwrap();
+        self.0.write_all(&[&head[..], text.as_bytes()].concat()).unwrap();
     }
 }
 

@@ -1,5 +1,4 @@
 //! Lines as their readers get them.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{FAULTS, datagrams, received, schema, start, touch, wait_for};
 use eit_publish::{PublishError, Publisher, Start, UdpSink};

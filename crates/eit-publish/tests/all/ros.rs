@@ -1,6 +1,5 @@
 //! Messages, type hashes, keys and attachments against what independent programs make of them
 //! (`ros/reference.json`, written by `ros/reference.py`).
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_publish::PublishError;
 use eit_publish::ros::{

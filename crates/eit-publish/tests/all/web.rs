@@ -1,5 +1,4 @@
 //! The live page as a browser gets it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{datagrams, received, schema, shape, wait_for};
 use eit_publish::{Publisher, Recording, SkinImage, WebServer};

@@ -1,5 +1,4 @@
 //! A skin by zenoh on the loopback interface, as a subscriber gets it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{FAULTS, endpoint, frame, shape, start, touch, wait_for};
 use eit_publish::ros::{
@@ -200,7 +199,8 @@ fn diagnostics_name_faults_and_silence() {
         found.unwrap()
     };
     let mut speak = || publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
-    let faulty = status(1, "faulty electrodes: 5", &mut speak);
+    let faulty = status(1, "faulty", &mut speak);
+    assert_eq!(faulty.message, "faulty electrodes: 5");
     assert_eq!(faulty.name, "skin/arm: EIT skin arm");
     assert_eq!(faulty.hardware_id, "a \"board\"\nof 16");
     // then no frame for more than a second

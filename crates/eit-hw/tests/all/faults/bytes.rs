@@ -1,7 +1,9 @@
-//! Rows 2 to 4, 14 and 15: how codecs handle damaged bytes.
+//! Rows 1 to 4, 14 and 15: how codecs handle damaged bytes.
 
 use eit_hw::Quality;
 use eit_hw::codec::{eits1, sciospec, text};
+use proptest::prelude::*;
+use proptest::sample::Index;
 use text::{Fault, Framing, Number, TextFormat};
 
 use crate::common::wire::{
@@ -55,6 +57,38 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
         streams.push((name, Box::new(move |p| text_events(&format, p)), frames, "Frame"));
     }
     streams
+}
+
+proptest! {
+    #![proptest_config(fixtures::cases(256))]
+
+    /// No decoder panics, and the events of whole and cut frames of all codecs, and of garbage, do not depend on how the bytes
+    /// are split.
+    #[test]
+    fn row_01_events_do_not_depend_on_the_pieces(
+        parts in prop::collection::vec((any::<Index>(), 0.0..2.0), 0..8),
+        garbage in prop::collection::vec(any::<u8>(), 0..50),
+        sizes in prop::collection::vec(1_usize..40, 1..60),
+    ) {
+        let streams = streams();
+        let frames = streams.iter().flat_map(|(_, _, frames, _)| frames);
+        let all: Vec<&Vec<u8>> = frames.chain([&garbage]).collect();
+        let cut = |(which, share): &(Index, f64)| {
+            let piece = which.get(&all);
+            &piece[..piece.len().min((share * piece.len() as f64) as usize)]
+        };
+        let bytes = parts.iter().map(cut).collect::<Vec<_>>().concat();
+        let (mut pieces, mut rest) = (Vec::new(), &bytes[..]);
+        let mut sizes = sizes.iter().cycle();
+        while !rest.is_empty() {
+            let (piece, after) = rest.split_at(rest.len().min(*sizes.next().unwrap()));
+            pieces.push(piece);
+            rest = after;
+        }
+        for (name, decode, ..) in &streams {
+            prop_assert_eq!(decode(&[&bytes]), decode(&pieces), "{}", name);
+        }
+    }
 }
 
 /// One of four frames is damaged and may take another with it. In text, one of its values may change.

@@ -3,7 +3,7 @@
 //!
 //! | row | faults | file |
 //! |---|---|---|
-//! | 1 | reads split anywhere | `codec.rs` |
+//! | 1 | reads split anywhere | `bytes.rs` |
 //! | 2 | a byte dropped, inserted, flipped or doubled at each offset of a frame | `bytes.rs` |
 //! | 3 | wrong length, wrong end tag, truncated at the end of the stream | `bytes.rs` |
 //! | 4 | tags in the payload, a whole fake frame in it, start in the middle | `bytes.rs` |

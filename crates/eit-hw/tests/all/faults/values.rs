@@ -146,14 +146,8 @@ fn row_11_values_that_cannot_be_are_flagged() {
     let frame_at =
         |sequence: u64| frames(&session).find(|frame| frame.sequence >= sequence).unwrap();
     let early = frame_at(0);
-    let flags = [
-        Quality::NON_FINITE,
-        Quality::NON_FINITE,
-        Quality::GOOD,
-        Quality::OVER_RANGE,
-        Quality::SATURATED,
-        Quality::GOOD,
-    ];
+    let [bad, good] = [Quality::NON_FINITE, Quality::GOOD];
+    let flags = [bad, bad, good, Quality::OVER_RANGE, Quality::SATURATED, good];
     assert_eq!(early.quality[..6], flags);
     assert!(early.values[2] > 0.0 && early.values[5] == 0.25);
     assert_eq!(early.imaginary.as_ref().unwrap()[1..], [0.125; 207]);

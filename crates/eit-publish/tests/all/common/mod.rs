@@ -1,5 +1,4 @@
 //! Frames for the tests of sinks.
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_publish::{SCHEMA, Start, UdpSink};
 use eit_skin::faults::{ElectrodeFault, FaultKind};
