@@ -198,22 +198,17 @@ fn a_swapped_table_is_mended_by_the_key_of_the_message() {
             let options = ReadOptions { frames_are, ..ReadOptions::default() };
             parse(format, bytes, &options).unwrap().frames_for(None, count, Component::Real)
         };
-        for (frames_are, count, key) in [
-            (None, 4, "columns"),
-            (Some(Rows), 4, "columns"),
-            (Some(Columns), 2, "rows"),
-            (None, 8, "matrix"),
-            (Some(Columns), 8, "matrix"),
+        for (frames_are, count, key, mended) in [
+            (None, 4, "columns", Columns),
+            (Some(Rows), 4, "columns", Columns),
+            (Some(Columns), 2, "rows", Rows),
+            (None, 8, "matrix", Matrix),
+            (Some(Columns), 8, "matrix", Matrix),
         ] {
             let message = frames(frames_are, count).unwrap_err().to_string();
             let key = format!("set `[recording] frames_are = \"{key}\"`");
-            assert!(message.contains(&key), "{message}");
+            assert!(message.contains(&key) && frames(Some(mended), count).is_ok(), "{message}");
         }
-        let by = |orientation, count| frames(Some(orientation), count).unwrap().values;
-        let wanted = array![[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]];
-        assert_eq!(by(Columns, 4), wanted);
-        assert_eq!(by(Rows, 2), wanted.t());
-        assert_eq!(by(Matrix, 8), array![[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]]);
     }
 }
 
