@@ -6,8 +6,7 @@ use crate::common::arrays::{
 use crate::common::{parse, refused};
 use eit_hw::Format::{Mat, Npz};
 use eit_hw::{
-    Format, FrameOrientation, HwError, Note, ReadOptions, Recording, parse_recording,
-    read_recording,
+    Format, FrameOrientation, HwError, Note, ReadOptions, parse_recording, read_recording,
 };
 use ndarray::{Array2, array};
 
@@ -91,20 +90,16 @@ fn the_array_that_fits_the_protocol_is_read() {
     let others =
         [doubles("rate", &[1, 1]), doubles("time", &[5, 1]), doubles("place", &[2, 2]), text];
     let with = |shape: &[u32]| mat(&[&others[..], &[compressed(&doubles("v", shape))]].concat());
-    let note = |shape: &[usize], by_columns| Note::Array {
-        name: "v".into(),
-        shape: shape.to_vec(),
-        by_columns,
-    };
+    let note = |shape, by_columns| Note::Array { name: "v".into(), shape, by_columns };
     let counted = |rows: usize, columns: usize, at: fn((usize, usize)) -> usize| {
         Array2::from_shape_fn((rows, columns), |place| at(place) as f64)
     };
     let rows = parse(Mat, with(&[5, 6]), &of_protocol(6)).unwrap();
     assert_eq!(rows.real, counted(5, 6, |(frame, value)| frame + 5 * value));
-    assert_eq!(rows.notes, [note(&[5, 6], false)]);
+    assert_eq!(rows.notes, [note(vec![5, 6], false)]);
     let columns = parse(Mat, with(&[6, 5]), &of_protocol(6)).unwrap();
     assert_eq!(columns.real, counted(5, 6, |(frame, value)| 6 * frame + value));
-    assert_eq!(columns.notes, [note(&[6, 5], true)]);
+    assert_eq!(columns.notes, [note(vec![6, 5], true)]);
     assert!(columns.notes[0].to_string().contains("`v` [6, 5], a frame in each column"));
     // [frame, drive, electrode]: a drive after the other
     let drives = parse(Mat, with(&[5, 2, 3]), &of_protocol(6)).unwrap();
@@ -133,11 +128,7 @@ fn the_array_that_fits_the_protocol_is_read() {
     let single = mat(&[others[1].clone(), doubles("v", &[5, 6])]);
     assert_eq!(parse(Mat, &single, &plain()).unwrap().real.dim(), (5, 6));
     let other = parse(Mat, &single, &of_protocol(7)).unwrap();
-    refused_count(&other, 7);
-}
-
-fn refused_count(recording: &Recording, wanted: usize) {
-    let error = recording.frames_for(None, wanted, eit_hw::Component::Real).unwrap_err();
+    let error = other.frames_for(None, 7, eit_hw::Component::Real).unwrap_err();
     assert!(matches!(error, HwError::CountMismatch { found: 6, .. }), "{error}");
 }
 
@@ -150,10 +141,8 @@ fn an_array_that_cannot_be_told_is_asked_for() {
     let none = "no array has frames of the protocol's 7 measurements";
     refused(parse(Mat, &two, &of_protocol(7)), &[&both[..], &[none]].concat());
     refused(parse(Mat, &two, &plain()), &[&both[..], &["holds several arrays"]].concat());
-    refused(
-        parse(Mat, &two, &named("c")),
-        &[&both[..], &["no array of numbers named \"c\""]].concat(),
-    );
+    let none = "no array of numbers named \"c\"";
+    refused(parse(Mat, &two, &named("c")), &[&both[..], &[none]].concat());
     assert_eq!(parse(Mat, &two, &named("b")).unwrap().real.dim(), (6, 4));
     let structs = mat(&[matrix("s", 2, &[1, 1], &[]), matrix("c", 1, &[1, 1], &[])]);
     let words = ["no array of numbers", "`s` (a struct), `c` (a cell array)", "v = full(s.FIELD)"];

@@ -24,13 +24,8 @@ fn entries(count: u64) -> Vec<Entry> {
             entries.push(Entry::Note(format!("frame {sequence}: \"quoted\"\n\u{b5}")));
         }
     }
-    let values = vec![Some(0.1 + 0.2), None];
-    entries.push(Entry::Reference(ReferenceRecord {
-        epoch: 3,
-        values,
-        sequences: vec![3, 5],
-        until: Some(7),
-    }));
+    let (values, sequences) = (vec![Some(0.1 + 0.2), None], vec![3, 5]);
+    entries.push(Entry::Reference(ReferenceRecord { epoch: 3, values, sequences, until: Some(7) }));
     entries
 }
 
@@ -112,14 +107,14 @@ fn a_frame_of_another_length_is_refused() {
     short.values.pop();
     bare.quality.clear();
     half.imaginary = Some(vec![0.0]);
-    let wanted = session().quadruples.len();
-    let cases = [(&short, "values", wanted - 1), (&bare, "quality", 0), (&half, "imaginary", 1)];
-    for (wrong, name, length) in cases {
-        let refused = writer.frame(wrong).unwrap_err();
-        let HwError::Inconsistent { field, found, wanted: expected, .. } = refused else {
+    for (wrong, name, length) in
+        [(short, "values", 207), (bare, "quality", 0), (half, "imaginary", 1)]
+    {
+        let refused = writer.frame(&wrong).unwrap_err();
+        let HwError::Inconsistent { field, found, wanted, .. } = refused else {
             panic!("{refused}")
         };
-        assert_eq!((field, found, expected), (name, length, wanted));
+        assert_eq!((field, found, wanted), (name, length, 208));
     }
     writer.frame(&frame(1)).unwrap();
     writer.finish().unwrap();

@@ -10,8 +10,8 @@ use crate::common::instruments::{
     wait_for,
 };
 use crate::common::{ascending, place, rotated};
-use eit_hw::capture::{CaptureReader, CaptureSettings, CaptureWriter, Entry, Recorder, Tape};
-use eit_hw::capture::{SessionRecord, TouchesRecord};
+use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, Recorder, SessionRecord, Tape};
+use eit_hw::capture::{TouchesRecord, read};
 use eit_hw::codec::eits1::Information;
 use eit_hw::codec::text::TextFormat;
 use eit_hw::driver::{
@@ -169,17 +169,11 @@ fn a_recording_waits_for_nobody() {
         ended.unwrap().unwrap();
     };
     // sequences of the frames, and the number of touches
-    let recorded = |path: &Path| -> (Vec<u64>, usize) {
-        let mut reader = CaptureReader::open(path).unwrap();
-        let (mut frames, mut touches) = (Vec::new(), 0);
-        while let Some(entry) = reader.next_entry().unwrap() {
-            match entry {
-                Entry::Frame(frame) => frames.push(frame.sequence),
-                entry => touches += usize::from(matches!(entry, Entry::Touches(_))),
-            }
-        }
+    let recorded = |path: &Path| {
+        let capture = read(path).unwrap();
+        let frames: Vec<u64> = capture.frames().map(|frame| frame.sequence).collect();
         assert!(frames.windows(2).all(|pair| pair[1] == pair[0] + 1), "{frames:?}");
-        (frames, touches)
+        (frames, capture.entries.iter().filter(|entry| matches!(entry, Entry::Touches(_))).count())
     };
     let files = ["first.mcap", "second.mcap"].map(|name| folder.path().join(name));
     let record = SessionRecord::default();

@@ -26,8 +26,8 @@ fn split() -> CaptureSettings {
 fn write(writer: &mut CaptureWriter, sequences: std::ops::Range<u64>) {
     for sequence in sequences {
         writer.frame(&frame(sequence)).unwrap();
-        let json =
-            format!(r#"{{"sequence":{sequence},"touches":[{{"id":1,"position_m":[0,0,0]}}]}}"#);
+        let touch = r#"{"id":1,"position_m":[0,0,0]}"#;
+        let json = format!(r#"{{"sequence":{sequence},"touches":[{touch}]}}"#);
         writer.touches(&TouchesRecord::new(json).unwrap()).unwrap();
         if sequence % 7 == 0 {
             writer.note(&format!("note {sequence}")).unwrap();
@@ -41,9 +41,8 @@ fn write(writer: &mut CaptureWriter, sequences: std::ops::Range<u64>) {
 /// Writes `count` frames in parts, and the same in one file; returns both names.
 fn recorded(folder: &Path, count: u64) -> (PathBuf, PathBuf) {
     let [parts, one] = ["press.mcap", "one.mcap"].map(|name| folder.join(name));
-    for (path, settings) in
-        [(&parts, split()), (&one, CaptureSettings { part_bytes: None, ..split() })]
-    {
+    let whole = CaptureSettings { part_bytes: None, ..split() };
+    for (path, settings) in [(&parts, split()), (&one, whole)] {
         let mut writer = CaptureWriter::create(path, &session(), settings).unwrap();
         write(&mut writer, 0..count);
         writer.finish().unwrap();
@@ -67,9 +66,8 @@ fn parts_are_read_as_one() {
     let folder = tempfile::tempdir().unwrap();
     let (parts, one) = recorded(folder.path(), 130);
     let found = files(&parts);
-    let names: Vec<&str> =
-        found.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
-    assert_eq!(names, ["1", "2", "3", "4"].map(|n| format!("press.0000{n}.mcap")));
+    let wanted = [1, 2, 3, 4].map(|n| folder.path().join(format!("press.0000{n}.mcap")));
+    assert_eq!(found, wanted);
     assert!(!parts.exists());
     assert_eq!(read(&parts).unwrap(), read(&one).unwrap());
     assert_eq!(read(&parts).unwrap().damage, Damage::default());

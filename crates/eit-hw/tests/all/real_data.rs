@@ -43,15 +43,11 @@ fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) 
     let verdict = recognise_order(frame, right, &[("wrong", wrong.to_vec())]);
     assert!(matches!(verdict, OrderVerdict::Consistent { .. }), "{verdict:?}");
     let alternatives = [("right", right.to_vec()), ("wrong too", wrong.to_vec())];
-    match recognise_order(frame, wrong, &alternatives) {
-        OrderVerdict::Other { better, ours } => {
-            assert_eq!(better.len(), 1);
-            assert_eq!(better[0].setting, "right");
-            // wrong orders of all these recordings have errors of at least 0.75
-            assert!(ours > 0.75, "{ours}");
-        }
-        other => panic!("{other:?}"),
-    }
+    let verdict = recognise_order(frame, wrong, &alternatives);
+    let OrderVerdict::Other { better, ours } = verdict else { panic!("{verdict:?}") };
+    assert!(better.len() == 1 && better[0].setting == "right", "{better:?}");
+    // wrong orders of all these recordings have errors of at least 0.75
+    assert!(ours > 0.75, "{ours}");
 }
 
 /// The shape is that of a homogeneous disc with point electrodes, with the sign of the instrument.

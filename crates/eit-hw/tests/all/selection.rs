@@ -151,17 +151,13 @@ fn fields_that_do_not_fit_are_refused() {
 
 #[test]
 fn counts_that_differ_are_explained() {
-    let hint = |recording: &Recording, wanted: usize| match recording.frames_for(
-        None,
-        wanted,
-        Component::Real,
-    ) {
-        Err(HwError::CountMismatch { found, frames, wanted: w, hint, .. }) => {
-            assert_eq!((frames, found), recording.real.dim());
-            assert_eq!(w, wanted);
-            hint
-        }
-        other => panic!("{other:?}"),
+    let hint = |recording: &Recording, wanted: usize| {
+        let refused = recording.frames_for(None, wanted, Component::Real).unwrap_err();
+        let HwError::CountMismatch { found, frames, wanted: w, hint, .. } = refused else {
+            panic!()
+        };
+        assert_eq!((frames, found, w), (recording.frame_count(), recording.value_count(), wanted));
+        hint
     };
     for (found, frames, wanted, expected) in [
         (4, 208, 208, CountHint::Transposed),

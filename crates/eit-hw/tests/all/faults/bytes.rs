@@ -13,44 +13,29 @@ use crate::common::wire::{
 /// A codec under test: converts bytes in pieces to events as text.
 type Decode = Box<dyn Fn(&[&[u8]]) -> Vec<String>>;
 
-/// Returns every framing, with frames of few values.
-fn formats() -> Vec<TextFormat> {
+/// Returns the codecs, every framing of text among them, a stream of four frames for each, and the name of a frame's event.
+fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
     let small = |framing, lines_per_frame, values_per_line| TextFormat {
         framing,
         lines_per_frame,
         values_per_line,
         ..TextFormat::default()
     };
-    vec![
+    let (number, hex) = (Number::HexInteger, small(Framing::Prefix("!V".into()), 1, 4));
+    let formats = [
         small(Framing::Lines, 1, 3),
         small(Framing::StartLine("s".into()), 3, 2),
         small(Framing::Prefix("magnitudes".into()), 1, 4),
         small(Framing::EndLine("Done".into()), 4, 1),
-        TextFormat {
-            number: Number::HexInteger,
-            complex: true,
-            ..small(Framing::Prefix("!V".into()), 1, 4)
-        },
-    ]
-}
-
-/// Returns the codecs, a stream of four frames for each, and the name of a frame's event.
-fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
-    let mut streams: Vec<(String, Decode, Vec<Vec<u8>>, _)> = vec![
-        (
-            "eits1".into(),
-            Box::new(eits1_events),
-            (0..4).map(|i| eits1_frame(i, 7, &[0.5, i as f32, 0.0])).collect(),
-            "Message",
-        ),
-        (
-            "sciospec".into(),
-            Box::new(sciospec_events),
-            (1..5).map(|i| sciospec_frame(1, [i, i + 1], 1, 5)).collect(),
-            "Data",
-        ),
+        TextFormat { number, complex: true, ..hex },
     ];
-    for format in formats() {
+    let eits1 = (0..4).map(|i| eits1_frame(i, 7, &[0.5, i as f32, 0.0])).collect();
+    let sciospec = (1..5).map(|i| sciospec_frame(1, [i, i + 1], 1, 5)).collect();
+    let mut streams: Vec<(String, Decode, Vec<Vec<u8>>, _)> = vec![
+        ("eits1".into(), Box::new(eits1_events), eits1, "Message"),
+        ("sciospec".into(), Box::new(sciospec_events), sciospec, "Data"),
+    ];
+    for format in formats {
         // the first of plain lines may be incomplete: it is skipped. No two frames have a value in common
         let frames: Vec<_> = (0..5).map(|frame| board_frame(&format, 100 * frame, 1)).collect();
         let name = format!("{:?}", format.framing);
@@ -62,8 +47,7 @@ fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
 proptest! {
     #![proptest_config(fixtures::cases(256))]
 
-    /// No decoder panics, and the events of whole and cut frames of all codecs, and of garbage, do not depend on how the bytes
-    /// are split.
+    /// Whole and cut frames of all codecs, and garbage.
     #[test]
     fn row_01_events_do_not_depend_on_the_pieces(
         parts in prop::collection::vec((any::<Index>(), 0.0..2.0), 0..8),
@@ -162,9 +146,8 @@ fn row_04_tags_and_whole_frames_in_the_payload() {
     // a complete message as the text of another one
     let fake = eits1_frame(9, 5, &[1.0, 2.0]);
     let mut wire = Vec::new();
-    let (kind, count) = (eits1::Kind::Text, fake.len() as u16);
-    let (sequence, device_time_us, flags, payload) = (0, 0, 0, &fake[..]);
-    let message = eits1::Message { kind, sequence, device_time_us, flags, count, payload };
+    let (kind, count, payload) = (eits1::Kind::Text, fake.len() as u16, &fake[..]);
+    let message = eits1::Message { kind, sequence: 0, device_time_us: 0, flags: 0, count, payload };
     eits1::encode(&message, &mut wire).unwrap();
     for start in 0..wire.len() {
         let events = eits1_events(&[&wire[start..], &eits1_frame(3, 5, &[0.5])]);

@@ -8,20 +8,30 @@ use crate::common::instruments::{LIMIT, eits1_driver, frames, information, quick
 use crate::common::wire::sciospec_frame;
 use crate::common::{point_electrode_disc, rotated};
 
-/// What a driver decodes; frames as (real parts, qualities).
+/// What a driver decodes: values of frames, how many of each are missing, and times.
 #[derive(Debug, Default)]
 struct Received {
-    frames: Vec<(Vec<f64>, Vec<Quality>)>,
+    frames: Vec<Vec<f64>>,
+    holes: Vec<usize>,
     times_s: Vec<f64>,
     truncated: usize,
     damaged: u64,
 }
 
-fn receive(driver: &mut dyn Driver, bytes: &[u8]) -> Received {
+/// Decodes with a driver of 32 electrodes and the drives (0, 1), (1, 2), (2, 3): six cells of 16 channels.
+fn receive(bytes: &[u8]) -> Received {
+    let quadruples = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
+    let settings = SciospecSettings::for_quadruples(32, &quadruples);
+    let settings = SciospecSettings { polarity: Polarity::AsListed, ..settings };
     let mut received = Received::default();
-    driver.receive(bytes, &mut |decoded| match decoded {
+    Sciospec::new(settings).unwrap().receive(bytes, &mut |decoded| match decoded {
         Decoded::Frame(frame) => {
-            received.frames.push((frame.values.to_vec(), frame.quality.to_vec()));
+            for (value, quality) in frame.values.iter().zip(frame.quality) {
+                let is_missing = value.is_nan() && quality.contains(Quality::MISSING);
+                assert!(is_missing || quality.is_good(), "{value} {quality}");
+            }
+            received.frames.push(frame.values.to_vec());
+            received.holes.push(frame.values.iter().filter(|value| value.is_nan()).count());
             received.times_s.extend(frame.device_time_s);
         }
         Decoded::TruncatedFrame => received.truncated += 1,
@@ -31,78 +41,55 @@ fn receive(driver: &mut dyn Driver, bytes: &[u8]) -> Received {
     received
 }
 
-/// A driver of 32 electrodes with the drives (0, 1), (1, 2), (2, 3): six cells of 16 channels.
-fn sciospec() -> Sciospec {
-    let quadruples = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
-    let settings = SciospecSettings::for_quadruples(32, &quadruples);
-    Sciospec::new(SciospecSettings { polarity: Polarity::AsListed, ..settings }).unwrap()
-}
-
 /// Returns a frame of these cells: drive, group.
 fn cells(list: &[(u8, u8)]) -> Vec<u8> {
-    list.iter()
-        .flat_map(|&(drive, group)| sciospec_frame(group, [drive, drive + 1], 1, 5))
-        .collect()
+    let cell = |&(drive, group): &(u8, u8)| sciospec_frame(group, [drive, drive + 1], 1, 5);
+    list.iter().flat_map(cell).collect()
 }
 
 const WHOLE: [(u8, u8); 6] = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)];
 
-/// Asserts that every good value is the one sent for its drive and electrode.
-fn check_cells(received: &Received) {
-    for (values, quality) in &received.frames {
-        for (index, (value, quality)) in values.iter().zip(quality).enumerate() {
-            let (drive, electrode) = (index / 32, index % 32);
-            if quality.is_good() {
-                let sent = ((drive + 1) as f64 + 16.0 * (electrode % 16) as f64) / 1024.0;
-                assert_eq!(*value, sent, "drive {drive}, electrode {electrode}");
-            } else {
-                assert!(quality.contains(Quality::MISSING) && value.is_nan());
-            }
-        }
-    }
-}
-
-fn missing(received: &Received, frame: usize) -> usize {
-    received.frames[frame].1.iter().filter(|quality| !quality.is_good()).count()
-}
-
 #[test]
 fn row_07_groups_missing_doubled_reordered_and_too_many() {
     let whole = cells(&WHOLE);
+    // every value is the one sent for its drive and electrode
     let read = |parts: &[Vec<u8>]| {
-        let received = receive(&mut sciospec(), &parts.concat());
-        check_cells(&received);
+        let received = receive(&parts.concat());
+        for frame in &received.frames {
+            for (index, value) in frame.iter().enumerate().filter(|(_, value)| !value.is_nan()) {
+                let (drive, electrode) = (index / 32, index % 32);
+                let sent = ((drive + 1) as f64 + 16.0 * (electrode % 16) as f64) / 1024.0;
+                assert_eq!(*value, sent, "drive {drive}, electrode {electrode}");
+            }
+        }
         received
     };
     let received = read(&[whole.repeat(3)]);
-    assert_eq!((received.frames.len(), missing(&received, 1), received.truncated), (3, 0, 0));
+    assert_eq!((&received.holes[..], received.truncated), (&[0; 3][..], 0));
 
     for (index, &cell) in WHOLE.iter().enumerate() {
         // missing once: 16 values are flagged, and the next frame is complete
         let mut list = WHOLE.to_vec();
         list.remove(index);
         let received = read(&[whole.clone(), cells(&list), whole.repeat(2)]);
-        let holes: Vec<_> = (0..received.frames.len()).map(|at| missing(&received, at)).collect();
-        assert_eq!(holes, [0, 16, 0, 0], "{index}");
+        assert_eq!(received.holes, [0, 16, 0, 0], "{index}");
         // doubled: it starts a frame of its own, and no value is misplaced
         list = WHOLE.to_vec();
         list.insert(index, cell);
         let received = read(&[cells(&list), whole.repeat(2)]);
         assert!(received.frames.len() + received.truncated >= 3, "{index}");
-        assert_eq!(missing(&received, received.frames.len() - 1), 0, "{index}");
+        assert_eq!(received.holes.last(), Some(&0), "{index}");
     }
     // neighbours swapped
     for first in 0..WHOLE.len() - 1 {
         let mut list = WHOLE.to_vec();
         list.swap(first, first + 1);
-        let received = read(&[cells(&list), whole.repeat(2)]);
-        assert_eq!(missing(&received, received.frames.len() - 1), 0, "{first}");
+        assert_eq!(read(&[cells(&list), whole.repeat(2)]).holes.last(), Some(&0), "{first}");
     }
     // more groups than electrodes
-    let more = [(1, 1), (1, 2), (1, 3), (1, 4), (2, 1), (2, 2), (2, 3), (2, 4)];
-    let more = [&more[..], &[(3, 1), (3, 2), (3, 3), (3, 4)]].concat();
+    let more: Vec<_> = (1..4).flat_map(|drive| (1..5).map(move |group| (drive, group))).collect();
     let received = read(&[cells(&more).repeat(2)]);
-    assert_eq!((received.frames.len(), missing(&received, 1), received.damaged), (2, 0, 0));
+    assert_eq!((&received.holes[..], received.damaged), (&[0; 2][..], 0));
     // a drive that was not requested
     let received = read(&[whole.clone(), sciospec_frame(1, [9, 12], 1, 5), whole.clone()]);
     assert!(received.frames.len() == 2 && received.damaged > 0);
@@ -112,8 +99,7 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
     let at = 3 * other.len();
     row.splice(at..at + other.len(), other.iter().copied());
     let received = read(&[row, whole]);
-    assert_eq!((received.frames.len(), missing(&received, 0), missing(&received, 1)), (2, 16, 0));
-    assert!(received.damaged > 0);
+    assert!(received.holes == [16, 0] && received.damaged > 0, "{received:?}");
 }
 
 /// Opens a session with an instrument that measures what `values` computes, and its emulator.
@@ -203,7 +189,7 @@ fn row_13_clocks_wrap() {
         WHOLE.map(|(drive, group)| sciospec_frame(group, [drive, drive + 1], 1, time_ms)).concat()
     };
     let wire = [u32::MAX - 20, u32::MAX - 10, 5, 15].map(frame).concat();
-    let times_s = receive(&mut sciospec(), &wire).times_s;
+    let times_s = receive(&wire).times_s;
     let steps = times_s.windows(2).map(|pair| (1e3 * (pair[1] - pair[0])).round());
     assert!(steps.eq([10.0, 16.0, 10.0]), "{times_s:?}");
 }
@@ -218,18 +204,16 @@ fn row_16_a_changed_float_cannot_be_seen_unless_it_makes_no_sense() {
     for bit in 0..32 {
         let mut wire = whole.clone();
         wire[first + bit / 8] ^= 0x80 >> (bit % 8);
-        let received = receive(&mut sciospec(), &[wire, whole.clone()].concat());
-        assert_eq!(missing(&received, received.frames.len() - 1), 0, "bit {bit}");
-        let damaged = &received.frames[0];
-        let holes = damaged.1.iter().filter(|quality| !quality.is_good()).count();
-        match holes {
+        let received = receive(&[wire, whole.clone()].concat());
+        assert_eq!(received.holes.last(), Some(&0), "bit {bit}");
+        match received.holes[0] {
             0 => {
                 unseen += 1;
-                assert!(damaged.0[16].abs() <= 20.0, "bit {bit}");
+                assert!(received.frames[0][16].abs() <= 20.0, "bit {bit}");
             }
             // the whole data frame is skipped
             16 => refused += 1,
-            _ => panic!("bit {bit}: {holes}"),
+            holes => panic!("bit {bit}: {holes}"),
         }
     }
     assert!(unseen > 20 && refused > 0 && unseen + refused == 32, "{unseen} {refused}");
