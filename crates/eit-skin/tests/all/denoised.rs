@@ -59,7 +59,7 @@ fn check(bench: &Bench, recording: &Recording, all_weights: &[&str], any_skin: b
     let (turned, touched) = (recording.turned(), touched(recording));
     for (recording, is_foreign) in [(recording, false), (&turned, true)] {
         let (fitted, mut silent) = (bench.fit(recording), Progress::silent());
-        let (found, mut raw) = (touches_of(&fitted), raw_images(&fitted));
+        let (found, mut raw) = ((!any_skin).then(|| touches_of(&fitted)), raw_images(&fitted));
         let raster = fitted.skin.raster(&mut silent).unwrap();
         // total variation may make an image of one value, of which the net of images makes no other
         raw.index_axis_mut(Axis(0), CONSTANT).mapv_inplace(|v| if v.is_nan() { v } else { 1e-7 });
@@ -68,21 +68,21 @@ fn check(bench: &Bench, recording: &Recording, all_weights: &[&str], any_skin: b
             let settings = DenoiseSettings { weights: weights.to_owned(), any_skin };
             let net = Net::load(&settings, &fitted.skin.skin.net_target()).unwrap();
             let (made, verdicts) = live(&net, &fitted, &raw);
-            let checks = [Check::new(&fitted).with_touches(&found), Check::new(&fitted)];
-            for check in checks.iter().take(if is_foreign { 1 } else { 2 }) {
+            let with = found.iter().map(|found| Check::new(&fitted).with_touches(found));
+            let without = (any_skin || !is_foreign).then(|| Check::new(&fitted));
+            for check in with.chain(without) {
                 let mut whole = raw.clone();
-                let checked = net.apply(&mut whole, raster, Some(check), &mut silent).unwrap();
+                let checked = net.apply(&mut whole, raster, Some(&check), &mut silent).unwrap();
                 let of_whole: Vec<Verdict> =
                     checked.unwrap().judgements.iter().map(|judged| judged.verdict).collect();
                 assert_eq!(verdicts, of_whole, "{name}");
                 assert!(same(&made, &whole), "{name}");
             }
-            if weights == "default" {
-                nothing_far_from_touches(&made, &verdicts, raster, &found);
-            } else {
-                // the net of touches draws these, whatever the raw image is
-                assert!(verdicts[CONSTANT] != Verdict::Net);
+            if let (Some(found), "default") = (&found, weights) {
+                nothing_far_from_touches(&made, &verdicts, raster, found);
             }
+            // the net of touches draws these, whatever the raw image is
+            assert!(weights == "default" || verdicts[CONSTANT] != Verdict::Net);
             let of = |images: &Array3<f64>, f: usize| images.index_axis(Axis(0), f).to_owned();
             let kept = touched.iter().filter(|f| same(&of(&made, **f), &of(&raw, **f))).count();
             let all = touched.len();
