@@ -38,7 +38,8 @@ fn drivers_allocate_nothing_per_frame() {
     let format = TextFormat::csv(208);
     let text = vec![board_frame(&format, 0, 1); FRAMES as usize];
     let board = Board::new("csv", 115_200, format, Layout::Quadruples(rotated(16)));
-    let drivers: [(Box<dyn Driver>, Vec<Vec<u8>>); 3] = [
+    type Stream = (Box<dyn Driver>, Vec<Vec<u8>>);
+    let drivers: [Stream; 3] = [
         (Box::new(Sciospec::new(settings).unwrap()), sciospec),
         // a connection sets up complex values; real ones need none
         (Box::new(Eits1::new(&rotated(16), 10.0, 1e-4, 0.0).unwrap()), eits1),

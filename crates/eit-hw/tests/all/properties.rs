@@ -55,8 +55,11 @@ const EIT: &[u8] = b"12\n2\nt_1\n2020.07.08. 14:20:28.750\n1\n10\n1\n2\n0.01\n30
 const LCT: &[u8] = b"#MEAS  \n#Length, 4\n#Electrodes, 4 \n#Strategy, Adjacent , P\n\
     #Operating_Frequency 10 , KHz\n#Start\n1 2 3\n4 5 6\n7 8 9\n1 2 3\n1 2 3\n";
 
-/// Returns a file of each format, the options that read it, and its frames and values per frame.
-fn samples() -> [(eit_hw::Format, Vec<u8>, ReadOptions, (usize, usize)); 8] {
+/// A file, the options that read it, and its frames and values per frame.
+type Sample = (eit_hw::Format, Vec<u8>, ReadOptions, (usize, usize));
+
+/// Returns a file of each format.
+fn samples() -> [Sample; 8] {
     let floats = (0..512).flat_map(|index: u16| f32::from(index).to_le_bytes()).collect();
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
     log.extend(b"s\n".iter().chain("1 ".repeat(13).as_bytes()).chain(b"\n"));

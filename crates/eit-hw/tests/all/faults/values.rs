@@ -160,7 +160,8 @@ fn row_12_faults_of_electrodes_are_named() {
     // a contact that changes what is driven but not what is sensed breaks reciprocity
     let weak = |[a, b, ..]: Quadruple, value: f64| value * if a == 9 || b == 9 { 0.1 } else { 1.0 };
     let silent = |_: Quadruple, _: f64| 0.0;
-    let faults: [(fn(Quadruple, f64) -> f64, _, fn(&Trouble) -> bool); 3] = [
+    type Fault = (fn(Quadruple, f64) -> f64, Option<u32>, fn(&Trouble) -> bool);
+    let faults: [Fault; 3] = [
         (open, Some(5), |_| true),
         (weak, Some(9), |trouble| matches!(trouble, Trouble::Contact { .. })),
         (silent, None, |trouble| *trouble == Trouble::Silent),
