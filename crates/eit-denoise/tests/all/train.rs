@@ -238,11 +238,11 @@ fn quiet_frames_count_for_little() {
 }
 
 /// Learning from turned examples is learning from other ones: the curve differs, and a net that saw
-/// only one side of the skin is better on the other: measured 0.003 against 0.2 of the raw images' error.
+/// only one side of the skin is better on the other: measured 0.007 against 0.66 of the raw images' error.
 #[test]
 fn turned_examples_teach_the_other_sides_of_the_skin() {
     let shape = UnetShape { history: 1, width: 6, depth: 2, ..UnetShape::ONE_IMAGE };
-    let settings = TrainSettings { epochs: 150, rate: 5e-3, ..settings() };
+    let settings = TrainSettings { epochs: 60, rate: 5e-3, ..settings() };
     let half = RasterSymmetry::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
     let seen = shard(12, 16);
     let mut other = seen.clone();
@@ -259,6 +259,7 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
         trainer.curve().last().unwrap().held_out_error
     };
     let (plain, turned) = (error(&[]), error(&[RasterSymmetry::default(), half]));
+    println!("{turned:.4} with turned examples, {plain:.4} without");
     assert!(turned < 0.2 * plain, "{turned} {plain}");
 }
 

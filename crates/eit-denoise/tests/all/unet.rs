@@ -283,7 +283,8 @@ fn bad_weights_are_refused() {
         refused!(Weights::from_bytes(foreign), Format { .. });
     }
     let count = good.parameters.len();
-    let changes: [(&str, fn(&mut Weights)); 4] = [
+    type Change = fn(&mut Weights);
+    let changes: [(&str, Change); 4] = [
         ("weight 4 is NaN", |bad| bad.parameters[4] = f32::NAN),
         (&format!("{} weights where {count} are wanted", count - 1), |bad| {
             bad.parameters.pop();
