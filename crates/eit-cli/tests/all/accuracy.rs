@@ -41,7 +41,9 @@ fn the_mesh_is_chosen_for_the_required_accuracy() {
     // contacts are fitted on linear elements, whose mesh is chosen then
     meshed(&folder, "elements = \"quadratic\"\nnodes = 1000");
     let frames = folder.path("v.csv");
-    succeed(format!("forward {scene} --out {frames}"));
+    let forward = answer(format!("forward {scene} --out {frames}"));
+    let jacobian = answer(format!("jacobian {scene} --out {out}"));
+    assert_eq!(forward["elements"], jacobian["shape"][1]);
     meshed(&folder, "required_accuracy = 3e-3");
     says(&succeed(format!("calibrate {scene} --frames {frames}")), "conductivity");
     let mesh = answer(format!("mesh {scene} --out {}", folder.path("m.msh")));

@@ -29,6 +29,7 @@ fn scenes_that_cannot_be() {
         ("conductivity_s = 1e-5", "conductivity_s = -1e-5", "above zero"),
         ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = -1.0", "electrode 1 is -1"),
         ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = [1.0, 2.0]", "2 values for 8"),
+        ("width_m = 0.02", "width_m = [0.01, 0.02, 0.03]", "width_m has 3 values for 8 electrodes"),
         ("width_m = 0.02", "width_m = 0.2", "electrodes 1 and 2 overlap"),
         ("width_m = 0.02", "width_m = 0.0", "width_m"),
         ("count = 8", "count = 3", "no measurement"),

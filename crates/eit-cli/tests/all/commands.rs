@@ -1,8 +1,8 @@
 //! The commands do what `--help` says.
 
 use crate::common::{
-    Folder, SMALL, answer, exists, largest, number, read, read_array, read_text, refuse,
-    refuse_each, says, succeed,
+    Folder, answer, exists, largest, number, read, read_array, read_text, refuse, refuse_each,
+    succeed,
 };
 use ndarray::{Array1, Array2};
 
@@ -108,24 +108,4 @@ fn results_of_an_earlier_run_do_not_stay() {
     assert!(run(&two), "a sequence has a movie");
     assert!(!run(&one), "a single frame has none");
     assert!(exists(format!("{out}/report.json")));
-}
-
-/// On the same mesh closer to the series, with a Jacobian of as many elements; the plan says what is solved.
-#[test]
-fn quadratic_elements_are_a_key_of_the_scene() {
-    let folder = Folder::new();
-    let [jacobian, voltages] = folder.paths(["j.npy", "v.npy"]);
-    let [linear, quadratic] = ["linear", "quadratic"].map(|elements| {
-        let scene = folder.write("scene.toml", format!("{SMALL}elements = \"{elements}\"\n"));
-        let columns = answer(format!("jacobian {scene} --out {jacobian}"))["shape"][1].clone();
-        let forward = answer(format!("forward {scene} --out {voltages}"));
-        assert_eq!(forward["elements"], columns);
-        let plan = answer(format!("plan {scene}"));
-        let error = number(&plan, "expected_voltage_error");
-        (columns, number(&forward["solve"], "unknowns"), error, plan["stages"].to_string())
-    });
-    assert_eq!(linear.0, quadratic.0);
-    assert!(quadratic.1 > 3.0 * linear.1, "{linear:?} {quadratic:?}");
-    assert!(quadratic.2 < 0.05 * linear.2, "{linear:?} {quadratic:?}");
-    says(&quadratic.3, format!("quadratic elements…{} unknowns", quadratic.1));
 }

@@ -1,8 +1,8 @@
 //! Skins of all geometries through the commands.
 
 use crate::common::{
-    Folder, altered, answer, eit, largest, number, parse, read_array, read_text, refuse,
-    refuse_each, says, stderr, stdout, succeed,
+    Folder, answer, eit, largest, number, parse, read_array, read_text, refuse, refuse_each, says,
+    stderr, stdout, succeed,
 };
 use ndarray::Array1;
 use serde_json::Value;
@@ -118,22 +118,6 @@ fn built_in_geometries_are_meshed_drawn_and_solved() {
         let error = number(&plan, "expected_voltage_error");
         assert!((1e-4..2e-2).contains(&error), "{error}");
     }
-}
-
-#[test]
-fn uneven_widths_on_equal_spacing() {
-    let folder = Folder::new();
-    let four = altered("count = 8", "count = 4").replace("0.02", "[0.01, 0.02, 0.03, 0.04]");
-    let line = format!("mesh {} --out {}", folder.path("scene.toml"), folder.path("m.vtu"));
-    folder.write("scene.toml", &four);
-    let found = answer(&line);
-    for (l, wanted) in [0.01, 0.02, 0.03, 0.04].iter().enumerate() {
-        let measure = found["electrode_measures"][l].as_f64().unwrap();
-        // chords of the rim
-        assert!((measure / wanted - 1.0).abs() < 1e-3, "{l}: {measure}");
-    }
-    folder.write("scene.toml", four.replace("0.03, 0.04]", "0.03]"));
-    refuse_each([(line, "width_m has 3 values for 4 electrodes")]);
 }
 
 #[test]

@@ -221,5 +221,5 @@ fn keys_are_checked() {
     }));
     // a capacitance without a resistance in parallel is a contact
     let content = capacitive(CONTACTS_OF_45_DEGREES).replace("_ohm_m = 1e3", "_ohm_m = inf");
-    succeed(format!("plan {}", Folder::new().write("scene.toml", &content)));
+    succeed(format!("plan {}", folder.write("scene.toml", &content)));
 }
