@@ -18,13 +18,12 @@ fn error(mesh: &Mesh) -> f64 {
     largest(&((even(&model, CONDUCTIVITY_S) - exact) / exact))
 }
 
-/// Checks the order two of the errors on finer and finer meshes from the second on.
+/// Checks the order two of the errors on finer and finer meshes.
 fn assert_order_two(nodes: &[usize], errors: &[f64], within: f64) {
     let orders = orders(nodes, errors);
     println!("nodes {nodes:?}, errors {errors:.6?}, orders {orders:.2?}");
-    // as for the flat disc: reduced by log(1/h) at electrode ends; the coarsest mesh is left out
-    assert!(orders[1..].iter().all(|o| (o - 2.0).abs() < within), "{orders:?}");
-    assert!(errors[errors.len() - 1] < 1e-3, "{errors:?}");
+    assert!(orders.iter().all(|o| (o - 2.0).abs() < within), "{orders:?}");
+    assert!(errors[2] < 1e-3, "{errors:?}");
 }
 
 /// A hemisphere as from a CAD model, a binary STL file in millimetres with electrodes given by position,
@@ -33,7 +32,7 @@ fn assert_order_two(nodes: &[usize], errors: &[f64], within: f64) {
 fn a_hemisphere_from_an_stl_file_has_the_voltages_of_the_disc() {
     let dome = SkinShape::Hemisphere { radius_m: RADIUS_M };
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
-    for h in [1.0, 0.5, 0.25, 0.125] {
+    for h in [1.0, 0.5, 0.25] {
         let bare = generate(&dome, &RimElectrodes::none(), &MeshSettings::with_edge(0.016 * h));
         let mut file = vec![0; 80];
         let bare = bare.unwrap();
@@ -58,7 +57,7 @@ fn a_hemisphere_from_an_stl_file_has_the_voltages_of_the_disc() {
         nodes.push(mesh.surface().nodes().len());
         errors.push(error(&mesh));
     }
-    // meshes made by splitting long edges are less similar to each other
+    // reduced by log(1/h) at electrode ends; meshes made by splitting long edges are less similar
     assert_order_two(&nodes, &errors, 0.4);
 }
 
@@ -100,10 +99,7 @@ fn a_patch_in_the_middle_of_a_disc_converges_to_the_closed_form() {
         nodes.push(mesh.surface().nodes().len());
         errors.push((found / exact - 1.0).abs());
     }
-    let orders = orders(&nodes, &errors);
-    println!("exact {exact} V: nodes {nodes:?}, errors {errors:.6?}, orders {orders:.2?}");
     // the solution is smooth on both sides of the patch's outline, which the mesh follows: clean
     // order 2
-    assert!(orders.iter().all(|o| (o - 2.0).abs() < 0.3), "{orders:?}");
-    assert!(errors[2] < 1e-3, "{errors:?}");
+    assert_order_two(&nodes, &errors, 0.3);
 }
