@@ -9,23 +9,19 @@ use eit_inverse::{
     Calibration, CalibrationSettings, CalibrationStatus, DifferenceFrames, OneStepSettings,
     SequenceSolver, SequenceStatus,
 };
-use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
+use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
-use std::cell::RefCell;
 use std::io::{self, Write};
-use std::sync::Once;
+use std::sync::Mutex;
 use tracing_subscriber::filter::LevelFilter;
 
-thread_local! {
-    /// Lines of the events of this thread, and so of one test.
-    static LINES: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
-}
+static LINES: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 
 struct Lines;
 
 impl Write for Lines {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        LINES.with_borrow_mut(|lines| lines.write(bytes))
+        LINES.lock().unwrap().write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -33,90 +29,61 @@ impl Write for Lines {
     }
 }
 
-/// Runs a task; returns its result and the events of this crate.
-fn events<T>(task: impl FnOnce() -> T) -> (T, String) {
-    static SUBSCRIBER: Once = Once::new();
-    SUBSCRIBER.call_once(|| {
-        tracing_subscriber::fmt()
-            .with_max_level(LevelFilter::DEBUG)
-            .with_ansi(false)
-            .with_writer(|| Lines)
-            .init();
-    });
-    LINES.take();
+/// Runs a task that ends early, or not; checks the event of this crate about it and returns the task's result.
+fn said<T>(task: impl FnOnce() -> T, what: &str, warning: &[&str]) -> T {
+    LINES.lock().unwrap().clear();
     let result = task();
-    let text = String::from_utf8(LINES.take()).unwrap();
-    let ours = |line: &&str| line.contains("eit_inverse");
-    (result, text.lines().filter(ours).collect::<Vec<_>>().join("\n"))
+    let text = String::from_utf8(LINES.lock().unwrap().clone()).unwrap();
+    let lines: String = text.lines().filter(|line| line.contains("eit_inverse")).collect();
+    let is_early = !warning.is_empty();
+    let end = if is_early { "stopped before it converged" } else { "converged" };
+    assert!(lines.contains(&format!("{what} {end}")), "{lines}");
+    assert_eq!(lines.contains("WARN"), is_early, "{lines}");
+    assert!(warning.iter().all(|part| lines.contains(part)), "{lines}");
+    result
 }
 
 const CONDUCTIVITY_S: f64 = 1e-5;
 
-fn skin() -> (Mesh, ForwardModel) {
+#[test]
+fn what_did_not_converge_says_so() {
+    tracing_subscriber::fmt()
+        .with_max_level(LevelFilter::DEBUG)
+        .with_ansi(false)
+        .with_writer(|| Lines)
+        .init();
     let electrodes = RimElectrodes::equally_spaced(8, 0.02);
     let skin = SkinShape::Disc { radius_m: 0.1 };
     let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.017)).unwrap();
     let protocol = PairProtocol { electrodes: 8, ..Default::default() }.protocol().unwrap();
     let model = ForwardModel::new(&mesh, &protocol, &[1e3; 8]).unwrap();
-    (mesh, model)
-}
-
-/// Two untouched frames around a touched one, as changes of the voltages.
-fn differences(model: &ForwardModel, background: &[f64]) -> Array2<f64> {
-    let reference = model.forward(background).unwrap().to_vec();
-    let touched: Vec<f64> = background
-        .iter()
-        .enumerate()
-        .map(|(element, s)| if element % 7 == 3 { 5.0 * s } else { *s })
-        .collect();
-    let frame = model.forward(&touched).unwrap().to_vec();
-    Array2::from_shape_fn(
-        (3, reference.len()),
-        |(t, i)| {
-            if t == 1 { frame[i] - reference[i] } else { 0.0 }
-        },
-    )
-}
-
-#[test]
-fn absolute_images_that_did_not_converge() {
-    let (mesh, model) = skin();
     let background = vec![CONDUCTIVITY_S; model.elements()];
-    let values = differences(&model, &background);
+    let reference = model.forward(&background).unwrap();
+
+    // two untouched frames around a touched one
+    let mut touched = background.clone();
+    touched.iter_mut().skip(3).step_by(7).for_each(|s| *s *= 5.0);
+    let mut values = Array2::zeros((3, reference.len()));
+    values.row_mut(1).assign(&(model.forward(&touched).unwrap() - &reference));
     let prior = Tikhonov::new(mesh.surface());
     let run = |max_iterations: usize| {
         let one_step = OneStepSettings { hyperparameter: 0.01, ..Default::default() };
         let settings = AbsoluteSettings { one_step, max_iterations, ..Default::default() };
         let mut method = AbsoluteGaussNewton::new(&model, &background, &prior, settings).unwrap();
-        method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap()
+        let frames = DifferenceFrames::all_good(values.view());
+        method.reconstruct_sequence(&frames).unwrap().report.status
     };
-    let (sequence, lines) = events(|| run(1));
-    assert_eq!(sequence.report.status, SequenceStatus::IterationCap);
-    assert!(lines.contains("WARN"), "{lines}");
-    assert!(lines.contains("absolute Gauss-Newton stopped before it converged"), "{lines}");
-    assert!(lines.contains("frames=3") && lines.contains("wanted_decrease=0.001"), "{lines}");
-    let (sequence, lines) = events(|| run(30));
-    assert_eq!(sequence.report.status, SequenceStatus::Converged);
-    assert!(lines.contains("absolute Gauss-Newton converged"), "{lines}");
-    assert!(!lines.contains("WARN"), "{lines}");
-}
+    let what = "absolute Gauss-Newton";
+    let status = said(|| run(1), what, &["frames=3", "wanted_decrease=0.001"]);
+    assert_eq!(status, SequenceStatus::IterationCap);
+    assert_eq!(said(|| run(30), what, &[]), SequenceStatus::Converged);
 
-#[test]
-fn a_calibration_that_did_not_converge() {
-    let (_, model) = skin();
-    let frame = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap().to_vec();
     let run = |max_iterations: usize| {
         let start = CalibrationSettings::starting_at(40.0 * CONDUCTIVITY_S, &[5e3; 8]);
         let settings = CalibrationSettings { max_iterations, ..start };
-        Calibration::of_frame(&model, &frame, &settings).unwrap()
+        Calibration::of_frame(&model, &reference.to_vec(), &settings).unwrap().status
     };
-    let (found, lines) = events(|| run(1));
-    assert_eq!(found.status, CalibrationStatus::IterationCap);
-    assert!(lines.contains("WARN"), "{lines}");
-    assert!(lines.contains("calibration stopped before it converged"), "{lines}");
-    assert!(lines.contains("stalled=false") && lines.contains("max_iterations=1"), "{lines}");
-    let (found, lines) = events(|| run(50));
-    assert_eq!(found.status, CalibrationStatus::Converged);
-    assert!(lines.contains("calibration converged"), "{lines}");
-    assert!(!lines.contains("WARN"), "{lines}");
+    let status = said(|| run(1), "calibration", &["stalled=false", "max_iterations=1"]);
+    assert_eq!(status, CalibrationStatus::IterationCap);
+    assert_eq!(said(|| run(50), "calibration", &[]), CalibrationStatus::Converged);
 }

@@ -1,25 +1,26 @@
 //! Invalid input: exit code 2 and one line that says what is wrong, where, and how to fix it.
 
-use crate::common::{Folder, SMALL, answer, eit, exists, read_text, refuse, stderr, succeed};
+use crate::common::{
+    Folder, SMALL, altered, answer, eit, exists, read_text, refuse, refuse_each, refuse_plans,
+    says, stderr, succeed,
+};
 use ndarray::Array2;
 
 /// One line of the small scene replaced.
 #[test]
 fn scenes_that_cannot_be() {
-    let folder = Folder::new();
-    for (from, to, wanted) in [
+    let polygon = |keys: &str| format!("shape = \"polygon\"\noutline = {keys}");
+    let millimetres = polygon("[[0, 0], [200, 0], [200, 100], [0, 100]]");
+    let far_hole =
+        "[[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]]\nholes = [[[50, 50], [60, 50], [60, 60]]]";
+    let far_hole = polygon(far_hole);
+    let disc = "shape = \"disc\"\nradius_m = 0.1";
+    let cases = [
         ("radius_m = 0.1", "radius_m = 0.0", "radius"),
         ("radius_m = 0.1", "radius_m = 100.0", "skin.radius_m is 100: lengths are in metres"),
-        (
-            "shape = \"disc\"\nradius_m = 0.1",
-            "shape = \"polygon\"\noutline = [[0, 0], [200, 0], [200, 100], [0, 100]]",
-            "skin.outline, corner 2 is 200: lengths are in metres, of which a skin has at most 10; 200 looks like millimetres, which are 0.2 metres",
-        ),
-        (
-            "shape = \"disc\"\nradius_m = 0.1",
-            "shape = \"polygon\"\noutline = [[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]]\nholes = [[[50, 50], [60, 50], [60, 60]]]",
-            "skin.holes, hole 1, corner 1 is 50: lengths are in metres",
-        ),
+        (disc, &millimetres, "skin.outline, corner 2 is 200: lengths are in metres, of which a"),
+        (disc, &millimetres, "has at most 10; 200 looks like millimetres, which are 0.2 metres"),
+        (disc, &far_hole, "skin.holes, hole 1, corner 1 is 50: lengths are in metres"),
         ("radius_m = 0.1", "radius_m = -1.0", "-1"),
         ("radius_m = 0.1", "radius_m = nan", "NaN"),
         ("radius_m = 0.1", "", "skin.radius_m is missing"),
@@ -28,6 +29,7 @@ fn scenes_that_cannot_be() {
         ("conductivity_s = 1e-5", "conductivity_s = -1e-5", "above zero"),
         ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = -1.0", "electrode 1 is -1"),
         ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = [1.0, 2.0]", "2 values for 8"),
+        ("width_m = 0.02", "width_m = [0.01, 0.02, 0.03]", "width_m has 3 values for 8 electrodes"),
         ("width_m = 0.02", "width_m = 0.2", "electrodes 1 and 2 overlap"),
         ("width_m = 0.02", "width_m = 0.0", "width_m"),
         ("count = 8", "count = 3", "no measurement"),
@@ -45,77 +47,85 @@ fn scenes_that_cannot_be() {
         ("edge_m = 0.012", "edge_m = -1.0", "edge_m"),
         ("edge_m = 0.012", "edge_m = 1e-7", "limit"),
         ("shape = \"disc\"", "shape = \"mesh\"\nfile = \"f.msh\"", "exclude each other"),
-    ] {
-        assert!(SMALL.contains(from), "{from}");
-        let found = refuse(format!("plan {}", folder.write("scene.toml", SMALL.replace(from, to))));
-        assert!(found.contains(wanted), "{to}: {found}");
-    }
+        ("count = 8", "count = 2049", "2049 electrodes: a skin has at most 2048"),
+        ("edge_m = 0.012", "nodes = 20000001", "nodes is 20000001: it must be at most 20000000"),
+        ("edge_m = 0.012", "node_limit = 20000001", "20000001: it must be at most 20000000"),
+    ];
+    refuse_plans(cases.map(|(from, to, wanted)| (altered(from, to), wanted)));
+    // the limits themselves are accepted: 2048 electrodes do not fit the rim, and the others have another error
+    let folder = Folder::new();
+    let said = refuse(format!("plan {}", folder.altered("count = 8", "count = 2048")));
+    assert!(!said.contains("at most"), "{said}");
+    let beside = ["nodes", "node_limit"].map(|key| {
+        let keys = format!("{key} = 20000000\n[touch]\nradius_m = -1.0");
+        (altered("edge_m = 0.012", &keys), "touch.radius_m is -1")
+    });
+    refuse_plans(beside);
 }
 
 /// Keys added to the small scene.
 #[test]
 fn keys_that_cannot_be() {
-    let folder = Folder::new();
-    for (keys, wanted) in [
-        ("[reconstruction]\npixels = 0", "reconstruction.pixels is 0"),
-        ("[reconstruction]\nhyperparameter = -1.0", "hyperparameter is -1"),
-        ("[reconstruction]\nhyperparameter = 1.0\nnoise_figure = 1.0", "no effect"),
-        ("[noise]\nadditive_v = -1.0", "noise.additive_v is -1"),
-        ("[noise]\nquiet_frames = \"4..6\"", "three or more"),
-        ("[noise]\nquiet_frames = \"0..10\"\nadditive_v = 1.0", "exclude each"),
-        ("[reconstruction]\nlambda_space = 0.0", "lambda_space is 0"),
-        ("[reconstruction]\nlambda_time = 1.0", "no effect without"),
-        ("[reconstruction]\nlambda_time = -1.0", "not below zero"),
-        ("[reconstruction]\nlamda_space = 1.0", "mean \"lambda_space\"?"),
-        ("[reconstruction]\ndelta = \"noisy\"", "a number, \"noise\" or \"paper\""),
-        ("[reconstruction]\ndelta = -1.0", "reconstruction.delta is -1"),
-        ("[reconstruction]\nlower_s = 1e-6", "must include zero"),
-        ("[reconstruction]\nlower_s = 0.0\nupper_s = 0.0", "must include zero"),
-        ("[reconstruction]\ntarget_gap = nan", "target_gap is NaN"),
-        ("[reconstruction]\ndeadline_s = 0.0", "deadline_s is 0"),
-        ("[reconstruction]\ndelta = 1.0\nprior = \"noser\"", "belong to different methods"),
-        (
-            "[reconstruction]\nmethod = \"time-prior\"\ntarget_gap = 1e-3",
-            "no effect with method = \"time-prior\"",
-        ),
-        (
-            "[reconstruction]\nmethod = \"st-tv\"\nnoise_figure = 1.0",
-            "no effect with method = \"st-tv\"",
-        ),
-        (
-            "[reconstruction]\nmethod = \"tv\"\nlambda_space = 1.0\nlambda_time = 1.0",
-            "use \"st-tv\"",
-        ),
-        ("[recording]\nscale = 0.0", "recording.scale is 0"),
-        ("[recording]\nframe_rate_hz = 0.0", "recording.frame_rate_hz is 0"),
-        ("[recording]\nframe_rate_hz = 1e-300", "recording.frame_rate_hz is 0.00"),
-        ("[touch]\nradius_m = 7.0", "touch.radius_m is 7: it must be from 0.00001 to 1"),
-        ("[touch]\napart_m = 1e-12", "touch.apart_m is 0.000000000001"),
-        ("[touch]\ndrift_time_s = -1.0", "touch.drift_time_s is -1"),
-    ] {
-        let found = refuse(format!("plan {}", folder.scene(keys)));
-        assert!(found.contains(wanted), "{keys}: {found}");
-    }
+    let reconstruction = [
+        ("pixels = 0", "reconstruction.pixels is 0"),
+        ("hyperparameter = -1.0", "hyperparameter is -1"),
+        ("hyperparameter = 1.0\nnoise_figure = 1.0", "no effect"),
+        ("lambda_space = 0.0", "lambda_space is 0"),
+        ("lambda_time = 1.0", "no effect without"),
+        ("lambda_time = -1.0", "not below zero"),
+        ("lamda_space = 1.0", "mean \"lambda_space\"?"),
+        ("delta = \"noisy\"", "a number, \"noise\" or \"paper\""),
+        ("delta = -1.0", "reconstruction.delta is -1"),
+        ("lower_s = 1e-6", "must include zero"),
+        ("lower_s = 0.0\nupper_s = 0.0", "must include zero"),
+        ("target_gap = nan", "target_gap is NaN"),
+        ("target_gap = 5.0", "target_gap is 5: "),
+        ("deadline_s = 0.0", "deadline_s is 0"),
+        ("delta = 1.0\nprior = \"noser\"", "belong to different methods"),
+        ("method = \"TV\"", "reconstruction.method = \"TV\"…\"time-prior\""),
+        ("method = \"time-prior\"\ntarget_gap = 1e-3", "with method = \"time-prior\""),
+        ("method = \"st-tv\"\nnoise_figure = 1.0", "with method = \"st-tv\""),
+        ("method = \"tv\"\nlambda_space = 1.0\nlambda_time = 1.0", "use \"st-tv\""),
+    ];
+    let noise = [
+        ("additive_v = -1.0", "noise.additive_v is -1"),
+        ("quiet_frames = \"4..6\"", "three or more"),
+        ("quiet_frames = \"0..10\"\nadditive_v = 1.0", "exclude each"),
+    ];
+    let recording = [
+        ("scale = 0.0", "recording.scale is 0"),
+        ("frame_rate_hz = 0.0", "recording.frame_rate_hz is 0"),
+        ("frame_rate_hz = 1e-300", "recording.frame_rate_hz is 0.00"),
+    ];
+    let touch = [
+        ("radius_m = 7.0", "touch.radius_m is 7: it must be from 0.00001 to 1"),
+        ("apart_m = 1e-12", "touch.apart_m is 0.000000000001"),
+        ("drift_time_s = -1.0", "touch.drift_time_s is -1"),
+    ];
+    let tables = [
+        ("reconstruction", &reconstruction[..]),
+        ("noise", &noise[..]),
+        ("recording", &recording[..]),
+        ("touch", &touch[..]),
+    ];
+    refuse_plans(tables.into_iter().flat_map(|(table, cases)| {
+        cases.iter().map(move |(keys, words)| (format!("{SMALL}\n[{table}]\n{keys}"), *words))
+    }));
 }
 
 /// A scene file that is missing, and one whose mesh is: both are named.
 #[test]
 fn missing_files_are_named() {
     let folder = Folder::new();
-    let mut content = SMALL.replace("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"");
+    let mut content = altered("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"");
     for key in ["radius_m = 0.1", "count = 8", "width_m = 0.02", "edge_m = 0.012"] {
         content = content.replace(key, "");
     }
-    let scene = folder.write("scene.toml", content);
-    for (line, wanted) in [
-        (format!("plan {scene}"), "nowhere.msh"),
-        ("plan papr-disc".into(), "paper-disc"),
-        ("plan papr-disc".into(), "papr-disc"),
-        ("reconstruct paper-disc --out unused-folder".into(), "--frames"),
-    ] {
-        let found = refuse(&line);
-        assert!(found.contains(wanted), "{line}: {found}");
-    }
+    refuse_each([
+        (&*format!("plan {}", folder.write("scene.toml", content)), "nowhere.msh"),
+        ("plan papr-disc", "paper-disc…papr-disc"),
+        ("reconstruct paper-disc --out unused-folder", "--frames"),
+    ]);
 }
 
 fn csv(rows: usize, columns: usize, odd: Option<(usize, usize, &str)>) -> String {
@@ -134,28 +144,27 @@ fn frames_that_cannot_be() {
     let first = "--reference 0";
     let all_missing = [vec!["nan"; 40].join(","), String::new()].join("\n").repeat(2);
     let header = format!("a,b,3\n{}", csv(2, 40, None));
-    type Case<'a> = (&'a str, Vec<u8>, &'a str, &'a [&'a str]);
-    let cases: [Case<'_>; 9] = [
-        ("f.csv", header.into(), first, &["line 1", "value 1 is \"a\"", "a header, remove it"]),
-        ("f.csv", csv(2, 39, None).into(), first, &["39", "40"]),
+    let table = || csv(2, 40, None).into_bytes();
+    let cases: [(&str, Vec<u8>, &str, &str); 9] = [
+        ("f.csv", header.into(), first, "line 1…value 1 is \"a\"…a header, remove it"),
+        ("f.csv", csv(2, 39, None).into(), first, "39…40"),
         // a few missing values are accepted: missing_values.rs
-        ("f.csv", all_missing.into(), first, &["no measurement is usable", "80 value(s) missing"]),
-        ("f.csv", csv(2, 40, Some((1, 7, "volt"))).into(), first, &["f.csv", "line 2"]),
-        ("f.csv", Vec::new(), first, &["f.csv", "empty"]),
-        ("f.csv", vec![0, 159, 146, 150, 0, 1, 2], first, &["f.csv"]),
-        ("f.npy", b"\x93NUMPY\x01\x00".to_vec(), first, &["f.npy"]),
-        ("f.csv", csv(2, 40, None).into(), "", &["no reference frame", "--reference"]),
-        ("f.csv", csv(2, 40, None).into(), "--reference 5", &["frames 0 to 1"]),
+        ("f.csv", all_missing.into(), first, "no measurement is usable…80 value(s) missing"),
+        ("f.csv", csv(2, 40, Some((1, 7, "volt"))).into(), first, "f.csv…line 2"),
+        ("f.csv", Vec::new(), first, "f.csv…empty"),
+        ("f.csv", vec![0, 159, 146, 150, 0, 1, 2], first, "f.csv"),
+        ("f.npy", b"\x93NUMPY\x01\x00".to_vec(), first, "f.npy"),
+        ("f.csv", table(), "", "no reference frame…--reference"),
+        ("f.csv", table(), "--reference 5", "frames 0 to 1"),
     ];
     for (name, content, more, wanted) in cases {
         let frames = folder.write(name, content);
-        let found = refuse(format!("reconstruct {scene} --frames {frames} --out {out} {more}"));
-        assert!(wanted.iter().all(|part| found.contains(part)), "{wanted:?}: {found}");
+        let line = format!("reconstruct {scene} --frames {frames} --out {out} {more}");
+        refuse_each([(line, wanted)]);
     }
 }
 
-/// Requests beyond memory are rejected with their size before allocation: under a limit of 1.2 GB of address
-/// space, where one raster of that many pixels takes 1.8 GB.
+/// Under a limit of 1.2 GB of address space, where one raster of that many pixels takes 1.8 GB.
 #[cfg(unix)]
 #[test]
 fn images_beyond_memory_are_refused_before_work() {
@@ -167,64 +176,36 @@ fn images_beyond_memory_are_refused_before_work() {
         (3, 16, "st-tv", "208 measurements on 4096 x 4096 pixels take 28 GB"),
     ] {
         let keys = format!("[reconstruction]\nmethod = \"{method}\"\npixels = 4096\n[mesh]");
-        let content =
-            SMALL.replace("count = 8", &format!("count = {electrodes}")).replace("[mesh]", &keys);
-        let scene = folder.write("scene.toml", content);
+        let content = altered("count = 8", &format!("count = {electrodes}"));
+        let scene = folder.write("scene.toml", content.replace("[mesh]", &keys));
         let frames = folder.write("f.csv", csv(rows, electrodes * (electrodes - 3), None));
-        let (program, out) = (env!("CARGO_BIN_EXE_eit"), folder.path("out"));
-        let line = format!(
-            "ulimit -v 1200000; exec '{program}' reconstruct {scene} --frames {frames} --reference 0 --out {out}"
-        );
-        let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+        let more = format!("--reference 0 --out {}", folder.path("out"));
+        let line = format!("reconstruct {scene} --frames {frames} {more}");
+        let output = crate::common::eit_in_shell("ulimit -v 1200000", line);
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains(wanted), "{said}");
     }
 }
 
-/// The limits themselves are accepted.
-#[test]
-fn limits_of_electrodes_and_nodes() {
-    let folder = Folder::new();
-    let plan = |from: &str, to: &str| {
-        refuse(format!("plan {}", folder.write("scene.toml", SMALL.replace(from, to))))
-    };
-    let said = plan("count = 8", "count = 2049");
-    assert!(said.contains("2049 electrodes: a skin has at most 2048"), "{said}");
-    // rejected all the same: they do not fit the rim
-    let said = plan("count = 8", "count = 2048");
-    assert!(!said.contains("at most"), "{said}");
-    for key in ["nodes", "node_limit"] {
-        let said = plan("edge_m = 0.012", &format!("{key} = 20000001"));
-        let wanted = format!("mesh.{key} is 20000001: it must be at most 20000000");
-        assert!(said.contains(&wanted), "{said}");
-        // a scene with another error
-        let said = plan("edge_m = 0.012", &format!("{key} = 20000000\n[touch]\nradius_m = -1.0"));
-        assert!(said.contains("touch.radius_m is -1"), "{said}");
-    }
-}
-
-/// Wrong usage is reported on one line too, which points to the help once; a number below zero is one that is not
-/// taken, and not another option.
+/// The line points to the help once; a number below zero is one that is not taken, and not another option.
 #[test]
 fn wrong_usage_is_one_line() {
-    let whole = "a whole number, 0 or above";
+    let seed = "'--seed <N>'…a whole number, 0 or above";
     for (line, wanted) in [
-        ("plan", &["required"][..]),
-        ("plan paper-disc --frobnicate", &["'--frobnicate'"]),
-        ("nonsense", &["unrecognized subcommand 'nonsense'; see --help"]),
-        ("reconstruct paper-disc --out", &["a value is required"]),
-        ("simulate paper-disc --seed -1 --out never", &["'--seed <N>'", whole]),
-        ("mesh paper-disc --out never.png --nodes -1", &["'--nodes <N>'", whole]),
-        ("simulate paper-disc --seed one --out never", &["'--seed <N>'", whole]),
+        ("plan", "required"),
+        ("plan paper-disc --frobnicate", "'--frobnicate'"),
+        ("nonsense", "unrecognized subcommand 'nonsense'; see --help"),
+        ("reconstruct paper-disc --out", "a value is required"),
+        ("simulate paper-disc --seed -1 --out never", seed),
+        ("mesh paper-disc --out never.png --nodes -1", "'--nodes <N>'…a whole number, 0 or above"),
+        ("simulate paper-disc --seed one --out never", seed),
     ] {
+        refuse_each([(line, wanted)]);
         let said = refuse(line);
-        assert!(wanted.iter().all(|part| said.contains(part)), "{line}: {said}");
         assert!(said.starts_with("eit: ") && said.matches("--help").count() == 1, "{said}");
-        assert!(!wanted.contains(&whole) || !said.contains("tip"), "{said}");
+        assert!(!wanted.contains("whole") || !said.contains("tip"), "{said}");
     }
-    let said = refuse("replay paper-disc --from never.mcap --speed -1");
-    assert!(said.contains("--speed -1: it must be above 0"), "{said}");
 }
 
 /// A file stands where results would go, or above it: found before any work, and kept.
@@ -233,30 +214,25 @@ fn a_file_is_no_folder() {
     let folder = Folder::new();
     let (scene, file) = (folder.scene(""), folder.write("f.csv", csv(2, 40, None)));
     let is_file = "f.csv: is a file, but --out must name a folder here";
-    for (line, wanted) in [
+    refuse_each([
         (format!("reconstruct {scene} --frames {file} --reference 0 --out {file}"), is_file),
         (format!("net base {scene} --out {file}"), is_file),
         (format!("man --out {file}"), is_file),
         (format!("reconstruct paper-disc --frames nowhere.csv --out {file}/out"), "cannot write"),
         (format!("demo --out {file}/out"), "cannot write"),
         (format!("forward paper-disc --out {file}/v.csv"), "cannot write"),
-    ] {
-        let said = refuse(&line);
-        assert!(said.contains(wanted), "{line}: {said}");
-    }
+    ]);
     assert_eq!(read_text(&file), csv(2, 40, None));
 }
 
-/// Contact impedances so far from the sheet's that no digit survives nodal assembly: linear elements are
-/// solved differently (`accuracy.rs`), quadratic ones fail and say so; a few decades closer, the voltages
-/// come with a warning.
+/// Contacts so far from the sheet that no digit survives nodal assembly: linear elements are solved differently
+/// (`accuracy.rs`), quadratic ones fail and say so; a few decades closer, the voltages come with a warning.
 #[test]
 fn voltages_without_a_certain_digit_are_refused() {
     let folder = Folder::new();
     let out = folder.path("v.csv");
     let forward = |impedance: &str, elements: &str| {
-        let key = format!("contact_impedance_ohm_m = {impedance}");
-        let scene = SMALL.replace("contact_impedance_ohm_m = 1e3", &key);
+        let scene = altered("ohm_m = 1e3", &format!("ohm_m = {impedance}"));
         let scene = folder.write("scene.toml", format!("{scene}elements = \"{elements}\"\n"));
         format!("forward {scene} --out {out}")
     };
@@ -270,8 +246,7 @@ fn voltages_without_a_certain_digit_are_refused() {
         assert!(!said.contains("warning"), "{said}");
         std::fs::remove_file(&out).unwrap();
     }
-    let said = succeed(forward("1e-5", "quadratic"));
-    assert!(said.contains("warning: rounding"), "{said}");
+    says(&succeed(forward("1e-5", "quadratic")), "warning: rounding");
 }
 
 /// An existing result survives a run that fails.
@@ -279,8 +254,8 @@ fn voltages_without_a_certain_digit_are_refused() {
 fn a_failed_run_leaves_the_old_result() {
     let folder = Folder::new();
     let (out, sigma) = (folder.write("v.csv", "old"), folder.write("sigma.csv", "1,2,3\n"));
-    let found = refuse(format!("forward paper-disc --conductivity {sigma} --out {out}"));
-    assert!(found.contains("3 values") && found.contains("elements"), "{found}");
+    let line = format!("forward paper-disc --conductivity {sigma} --out {out}");
+    says(&refuse(line), "3 values…elements");
     assert_eq!(read_text(&out), "old");
     assert_eq!(folder.names(), ["sigma.csv", "v.csv"], "no temporary is left");
 }
@@ -296,8 +271,7 @@ fn meshes_and_conductivities_that_cannot_be() {
          $EndElements\n",
     );
     let [out, skin] = folder.paths(["v.csv", "skin.msh"]);
-    let found = refuse(format!("forward paper-disc --mesh {two_parts} --out {out}"));
-    assert!(found.contains("2 parts"), "{found}");
+    says(&refuse(format!("forward paper-disc --mesh {two_parts} --out {out}")), "2 parts");
     let scene = folder.scene("");
     let json = answer(format!("mesh {scene} --out {skin}"));
     let count = json["triangles"].as_u64().unwrap() as usize;
@@ -307,7 +281,7 @@ fn meshes_and_conductivities_that_cannot_be() {
         let file = folder.write_array("sigma.npy", &sigma);
         let line = format!("forward {scene} --mesh {skin} --conductivity {file} --out {out}");
         let found = refuse(line);
-        assert!(found.contains("element 17") && found.contains(&format!("{bad}")), "{found}");
+        says(&found, format!("element 17…{bad}"));
     }
 }
 
@@ -321,8 +295,7 @@ fn the_wrong_order_is_reported_with_its_key() {
     let [frames, out] = folder.paths(["f.csv", "out"]);
     succeed(format!("forward {} --out {frames}", with("order = \"ascending\"")));
     let more = format!("--frames {frames} --reference 0 --out {out}");
-    let found = refuse(format!("reconstruct {} {more}", folder.scene("")));
-    assert!(found.contains("order = \"ascending\""), "{found}");
+    says(&refuse(format!("reconstruct {} {more}", folder.scene(""))), "order = \"ascending\"");
     let unchecked = eit(format!("reconstruct {} {more}", with("check_order = false")));
     assert!(unchecked.status.success(), "the user may insist");
 }

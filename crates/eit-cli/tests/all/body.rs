@@ -1,44 +1,44 @@
-//! Two patches and a body as three processes, over zenoh on the loopback interface; or, built without, how to
-//! get it.
+//! Two patches and a body as three processes, over zenoh on the loopback interface; or how to get it.
 #![cfg(unix)]
-use crate::common::refuse;
+use crate::common::refuse_each;
 
 /// One sentence that says how to build it, before any work.
 #[cfg(not(feature = "zenoh"))]
 #[test]
 fn without_zenoh_the_way_to_get_it_is_reported() {
-    let said = refuse("body never.toml");
-    assert!(said.contains("cargo install --path crates/eit-cli --features zenoh"), "{said}");
-    let said = refuse("replay paper-disc --from never.mcap --zenoh skin");
-    assert!(said.contains("--zenoh: this eit was built without zenoh"), "{said}");
+    let built_without = "--zenoh: this eit was built without zenoh";
+    refuse_each([
+        ("body never.toml", "cargo install --path crates/eit-cli --features zenoh"),
+        ("replay paper-disc --from never.mcap --zenoh skin", built_without),
+    ]);
 }
 
 #[cfg(not(feature = "foxglove"))]
 #[test]
 fn without_foxglove_the_way_to_get_it_is_reported() {
-    for flag in ["--foxglove", "--foxglove-record=F.mcap"] {
-        let said = refuse(format!("replay paper-disc --from never.mcap {flag}"));
-        assert!(said.contains("cargo install --path crates/eit-cli --features foxglove"), "{said}");
-    }
+    let install = "cargo install --path crates/eit-cli --features foxglove";
+    let replay = "replay paper-disc --from never.mcap";
+    refuse_each(
+        ["--foxglove", "--foxglove-record=F.mcap"].map(|to| (format!("{replay} {to}"), install)),
+    );
 }
 
 #[test]
 fn endpoints_need_a_key() {
-    let connect = "--zenoh-connect tcp/127.0.0.1:1";
-    let said = refuse(format!("replay paper-disc --from never.mcap {connect}"));
-    assert!(said.contains("--zenoh <KEY>"), "{said}");
+    let line = "replay paper-disc --from never.mcap --zenoh-connect tcp/127.0.0.1:1";
+    refuse_each([(line, "--zenoh <KEY>")]);
 }
 
 #[cfg(feature = "zenoh")]
 mod by_zenoh {
     use crate::common::emulated::{emulate, scene, signal};
-    use crate::common::{Folder, answer, command, parse, refuse, touched_frames};
+    use crate::common::{
+        Folder, LIMIT, answer, command, number, parse, refuse_each, touched_frames,
+    };
     use serde_json::Value;
     use std::io::{BufRead as _, BufReader, Lines};
     use std::process::{Child, ChildStdout, Stdio};
-    use std::time::{Duration, Instant};
-
-    const LIMIT: Duration = Duration::from_secs(60);
+    use std::time::Instant;
 
     /// Ends with the test.
     struct Process(Child);
@@ -75,7 +75,7 @@ mod by_zenoh {
     fn two_patches_and_a_body() {
         let folder = Folder::new();
         let scene = scene(&folder);
-        let (frames, _) = touched_frames(&folder, &scene);
+        let (frames, _) = touched_frames(&folder);
         // on Linux at a loopback address that nobody else uses, so that the port stays free
         let host = if cfg!(target_os = "linux") { "127.69.73.84:0" } else { "127.0.0.1:0" };
         let free = std::net::TcpListener::bind(host).unwrap().local_addr().unwrap();
@@ -118,11 +118,10 @@ mod by_zenoh {
         assert!(left.0.try_wait().unwrap().is_none(), "it goes on");
         drop(right);
         let silent = line(&mut lines, |l| l["event"] == "silent" && l["patch"] == "right");
-        let for_s = silent["for_s"].as_f64().unwrap();
-        assert!(for_s > 0.35 && silent["was_heard"] == true, "{silent}");
+        assert!(number(&silent, "for_s") > 0.35 && silent["was_heard"] == true, "{silent}");
         let _again = live("right");
         let back = line(&mut lines, |l| l["event"] == "back" && l["patch"] == "right");
-        assert!(back["after_s"].as_f64().unwrap() > 0.35, "{back}");
+        assert!(number(&back, "after_s") > 0.35, "{back}");
         // Ctrl-C: a last line, and success
         signal(&body.0, "-INT");
         line(&mut lines, |l| l["event"] == "ended");
@@ -131,13 +130,14 @@ mod by_zenoh {
 
     #[test]
     fn bad_bodies_are_refused() {
-        let said = refuse("body never.toml");
-        assert!(said.contains("never.toml"), "{said}");
         let folder = Folder::new();
-        let said = refuse(format!("body {}", folder.write("body.toml", "colour = 3\n")));
-        assert!(said.contains("colour"), "{said}");
-        let said = refuse("replay paper-disc --from never.mcap --zenoh 2\u{a0}arms");
-        assert!(said.contains("--zenoh: 2 arms: not a topic"), "{said}");
+        let body = folder.write("body.toml", "colour = 3\n");
+        let arms = "replay paper-disc --from never.mcap --zenoh 2\u{a0}arms";
+        refuse_each([
+            ("body never.toml", "never.toml"),
+            (&format!("body {body}"), "colour"),
+            (arms, "--zenoh: 2 arms: not a topic"),
+        ]);
     }
 
     /// No patch comes: a summary as one object.
@@ -149,6 +149,6 @@ mod by_zenoh {
         let file = folder.write("body.toml", body);
         let said = answer(format!("body {file} --seconds 0.6"));
         assert_eq!((&said["received"], &said["patches"][0]["silent"]), (&0.into(), &true.into()));
-        assert!(said["lists"].as_u64().unwrap() >= 2, "{said}");
+        assert!(number(&said, "lists") >= 2.0, "{said}");
     }
 }

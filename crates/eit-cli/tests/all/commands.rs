@@ -1,8 +1,10 @@
 //! The commands do what `--help` says.
 
-use crate::common::{Folder, SMALL, answer, exists, read, read_array, read_text, refuse, succeed};
+use crate::common::{
+    Folder, answer, exists, largest, number, read, read_array, read_text, refuse, refuse_each,
+    succeed,
+};
 use ndarray::{Array1, Array2};
-use serde_json::Value;
 
 #[test]
 fn help_teaches_every_command() {
@@ -15,9 +17,8 @@ fn help_teaches_every_command() {
         assert!(succeed(format!("{command} --help")).contains("Usage"), "{command}");
     }
     // words that are gone are named as such, and those that are hidden work
-    for word in ["base", "train", "denoise", "recover", "devices"] {
-        assert!(refuse(word).contains(&format!("unrecognized subcommand '{word}'")));
-    }
+    let gone = ["base", "train", "denoise", "recover", "devices"];
+    refuse_each(gone.map(|word| (word, format!("unrecognized subcommand '{word}'"))));
 }
 
 #[test]
@@ -31,16 +32,15 @@ fn plan_says_what_is_done_and_left_out() {
     let left_out = json["left_out"].to_string();
     assert!(left_out.contains("complex") && left_out.contains("U-net"), "{left_out}");
     // measured 4e-3 on the default mesh; a wrong closed form or mesh would be far off
-    let error = json["expected_voltage_error"].as_f64().unwrap();
+    let error = number(&json, "expected_voltage_error");
     assert!((1e-4..2e-2).contains(&error), "{error}");
 }
 
-/// A mesh written and read back gives the same voltages to the last bit, and the Jacobian has the
-/// announced shape.
+/// A mesh written and read back gives the same voltages to the bit, and the Jacobian has the announced shape.
 #[test]
 fn mesh_file_forward_and_jacobian_agree() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", SMALL);
+    let scene = folder.scene("");
     for name in ["skin.vtu", "skin.png", "skin.msh"] {
         succeed(format!("mesh {scene} --out {}", folder.path(name)));
     }
@@ -64,64 +64,31 @@ fn mesh_file_forward_and_jacobian_agree() {
     succeed(format!("forward {scene} --conductivity {sigma_file} --out {moved}"));
     let moved: Array1<f64> = read_array(&moved);
     let column = j.column(element).to_owned() * step;
-    let largest = column.iter().fold(0.0, |m: f64, c| m.max(c.abs()));
-    let error = (&moved - &v - &column).iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+    let (error, size) = (largest(&(&moved - &v - &column)), largest(&column));
     // the second-order term of a change of 1 %
-    assert!(error < 0.02 * largest, "{error:e} of {largest:e}");
+    assert!(error < 0.02 * size, "{error:e} of {size:e}");
 }
 
-/// Shunts (zero) and ideal current sources (infinite) are valid scenes: the limits for small and large
-/// contact impedances. No current is measured through a driven electrode here, so both limits are finite.
-#[test]
-fn limits_of_the_contact_impedance_are_scenes() {
-    let folder = Folder::new();
-    let forward = |impedance: &str| -> Array1<f64> {
-        let key = "contact_impedance_ohm_m = ";
-        let content = SMALL.replace(&format!("{key}1e3"), &format!("{key}{impedance}"));
-        let scene = folder.write("scene.toml", &content);
-        succeed(format!("plan {scene}"));
-        let out = folder.path("v.npy");
-        succeed(format!("forward {scene} --out {out}"));
-        read_array(&out)
-    };
-    let size = |v: &Array1<f64>| v.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-    for (limit, near, nearer) in [("0.0", "1e0", "1e-1"), ("inf", "1e7", "1e8")] {
-        let exact = forward(limit);
-        let errors = [near, nearer].map(|z| size(&(&forward(z) - &exact)) / size(&exact));
-        // contacts of 1e3 ohm m and the skin of 1e5 ohm square have similar effect over an electrode of 0.02
-        // m: a thousandth of that shows in the third digit, and the limit is approached linearly
-        assert!(errors[0] < 1e-2, "{limit}: {errors:?}");
-        assert!((0.08..0.12).contains(&(errors[1] / errors[0])), "{limit}: {errors:?}");
-    }
-}
-
-/// Few frames of the simulated fabric: frames.npy, and their scene.
-fn simulated(folder: &Folder) -> String {
-    let out = folder.path("simulated");
-    let script = "--script two-fingers --frames 30 --nodes 2500";
-    succeed(format!("simulate paper-disc {script} --out {out}"));
-    out
-}
-
-/// Frames reconstruct to the same images, bit for bit, every time; so does a transposed table, with the key that the
-/// rejection names.
+/// Bit for bit, every time; also from a transposed table, with the key that the rejection names.
 #[test]
 fn the_same_frames_give_the_same_images() {
     let folder = Folder::new();
-    let simulated = simulated(&folder);
-    let frames: Array2<f64> = read_array(format!("{simulated}/frames.npy"));
-    let turned = folder.write_array("turned.npy", &frames.t().to_owned());
+    let [frames, out] = folder.paths(["frames.npy", "out"]);
+    let script = "--script two-fingers --frames 30 --nodes 2500";
+    succeed(format!("simulate paper-disc {script} --out {frames}"));
+    let turned: Array2<f64> = read_array(&frames);
+    let turned = folder.write_array("turned.npy", &turned.t().to_owned());
+    let line = |scene: &str, frames: &str| {
+        format!("reconstruct {scene} --frames {frames} --reference 0 --out {out}")
+    };
     let run = |scene: &str, frames: &str| {
-        let out = folder.path("out");
-        succeed(format!("reconstruct {scene} --frames {frames} --reference 0 --out {out}"));
+        succeed(line(scene, frames));
         read(format!("{out}/images.npy"))
     };
-    let images = run("paper-disc", &format!("{simulated}/frames.npy"));
-    assert!(images == run("paper-disc", &format!("{simulated}/frames.npy")), "two runs differ");
-    let out = folder.path("never");
-    let line = format!("reconstruct paper-disc --frames {turned} --reference 0 --out {out}");
+    let images = run("paper-disc", &frames);
+    assert!(images == run("paper-disc", &frames), "two runs differ");
     let key = "frames_are = \"columns\"";
-    assert!(refuse(line).contains(key));
+    assert!(refuse(line("paper-disc", &turned)).contains(key));
     let scene = succeed("plan paper-disc --print-scene") + "\n[recording]\n" + key;
     assert!(images == run(&folder.write("scene.toml", scene), &turned));
 }
@@ -130,7 +97,7 @@ fn the_same_frames_give_the_same_images() {
 #[test]
 fn results_of_an_earlier_run_do_not_stay() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", SMALL);
+    let scene = folder.scene("");
     let (one, out) = (folder.path("one.csv"), folder.path("out"));
     succeed(format!("forward {scene} --out {one}"));
     let two = folder.write("two.csv", read_text(&one).repeat(2));
@@ -141,34 +108,4 @@ fn results_of_an_earlier_run_do_not_stay() {
     assert!(run(&two), "a sequence has a movie");
     assert!(!run(&one), "a single frame has none");
     assert!(exists(format!("{out}/report.json")));
-}
-
-/// `elements = "quadratic"` on the same mesh: closer to the series by two decades, with a Jacobian of as many
-/// elements, and the plan says what is solved.
-#[test]
-fn quadratic_elements_are_a_key_of_the_scene() {
-    let folder = Folder::new();
-    let plan = |elements: &str| -> Value {
-        let scene = folder.write("scene.toml", format!("{SMALL}elements = \"{elements}\"\n"));
-        let jacobian = folder.path("j.npy");
-        succeed(format!("jacobian {scene} --out {jacobian}"));
-        let j: Array2<f64> = read_array(&jacobian);
-        let voltages = folder.path("v.npy");
-        let forward = answer(format!("forward {scene} --out {voltages}"));
-        assert_eq!(forward["elements"], j.ncols());
-        let mut plan = answer(format!("plan {scene}"));
-        plan["unknowns"] = forward["solve"]["unknowns"].clone();
-        plan["columns"] = j.ncols().into();
-        plan
-    };
-    let (linear, quadratic) = (plan("linear"), plan("quadratic"));
-    assert_eq!(linear["columns"], quadratic["columns"]);
-    let [few, many] = [&linear, &quadratic].map(|p| p["unknowns"].as_u64().unwrap());
-    assert!(many > 3 * few, "{few} {many}");
-    let [coarse, fine] =
-        [&linear, &quadratic].map(|p| p["expected_voltage_error"].as_f64().unwrap());
-    println!("errors of the plans: {coarse:.1e}, {fine:.1e}");
-    assert!(fine < 0.05 * coarse, "{coarse:e} {fine:e}");
-    let stages = quadratic["stages"].to_string();
-    assert!(stages.contains("quadratic elements") && stages.contains(&format!("{many} unknowns")));
 }

@@ -1,14 +1,14 @@
 //! Flags that every command has, and options beside a scene.
 
 use crate::common::{
-    Folder, SMALL, command, eit, read_array, read_text, refuse, stderr, stdout, succeed,
+    Folder, all_said, altered, command, eit, read_array, read_text, recorded, refuse_each, says,
+    stderr, stdout, succeed,
 };
 
 fn colored(line: &str, environment: &[(&str, &str)]) -> bool {
     let mut command = command(line);
     command.env_remove("NO_COLOR").envs(environment.iter().copied());
-    let output = command.output().unwrap();
-    [output.stdout, output.stderr].concat().contains(&0x1b)
+    all_said(&command.output().unwrap()).contains('\u{1b}')
 }
 
 /// Nothing in a pipe is coloured unless it is asked for, whatever the environment says; the flag wins over NO_COLOR.
@@ -24,15 +24,14 @@ fn colours_are_asked_for() {
         assert!(with("--color always", &[("NO_COLOR", "1")]), "{line}");
     }
     assert!(!colored("plan paper-disc --color auto", &[("NO_COLOR", "1")]));
-    assert!(refuse("plan paper-disc --color blue").contains("always"));
+    refuse_each([("plan paper-disc --color blue", "always")]);
 }
 
 /// -v prints the time of stages, -q nothing but the result, both on the command's own side.
 #[test]
 fn stages_are_timed_or_nothing_is_said() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", SMALL);
-    let out = folder.path("v.csv");
+    let (scene, out) = (folder.scene(""), folder.path("v.csv"));
     let forward = |flag: &str| -> (String, String) {
         let output = eit(format!("forward {scene} --out {out} {flag}"));
         assert!(output.status.success());
@@ -46,11 +45,8 @@ fn stages_are_timed_or_nothing_is_said() {
     for flag in ["-v", "--verbose", "-v --color always"] {
         let (said, noted) = forward(flag);
         assert_eq!(said, plain);
-        // each stage with its time, and what the libraries report of it
-        // sizes of each stage
-        for words in ["meshed the skin", "triangles", "set up the forward model", "unknowns"] {
-            assert!(noted.contains(words), "no {words:?} in {noted}");
-        }
+        // each stage with its time, and what the libraries report of its size
+        says(&noted, "meshed the skin…triangles…set up the forward model…unknowns");
         assert_eq!(noted.contains('\u{1b}'), flag.contains("always"), "{noted:?}");
         if flag.contains("always") {
             continue;
@@ -60,16 +56,14 @@ fn stages_are_timed_or_nothing_is_said() {
         assert!(noted.lines().any(is_time) && noted.lines().any(is_event), "{noted}");
         assert!(noted.lines().all(|line| is_time(line) || is_event(line)), "{noted}");
     }
-    assert!(refuse("plan paper-disc -q -v").contains("cannot be used with"));
+    refuse_each([("plan paper-disc -q -v", "cannot be used with")]);
 }
 
-/// What was told on stderr while the work went on is not told again with the result: here that the electrodes are in
-/// another order. The report has every note.
+/// Either on stderr while the work goes on or with the result; the report has every note.
 #[test]
 fn a_note_is_reported_once() {
     let folder = Folder::new();
-    let content = SMALL.replace("[protocol]", "[protocol]\ncheck_order = false");
-    let scene = folder.write("scene.toml", &content);
+    let scene = folder.altered("[protocol]", "[protocol]\ncheck_order = false");
     let out = folder.path("out");
     let row = |r: usize| (0..40).map(|i| format!("{}", 1 + (7 * i + r) % 11)).collect::<Vec<_>>();
     let rows: Vec<String> = (0..12).map(|r| row(r % 3).join(",")).collect();
@@ -87,8 +81,7 @@ fn a_note_is_reported_once() {
     // one of several files that have the same fault
     let cut = folder.write("g.csv", rows.join("\n"));
     let line = format!("reconstruct {scene} --frames {cut} {cut} {frames} {cut} --reference 0..10");
-    let output = eit(format!("{line} --method gauss-newton --out {out}"));
-    let all = format!("{}{}", stdout(&output), stderr(&output));
+    let all = all_said(&eit(format!("{line} --method gauss-newton --out {out}")));
     assert_eq!(all.matches("has no line end").count(), 1, "{all}");
     assert!(all.contains("(2 more files have such a note)"), "{all}");
 }
@@ -97,13 +90,10 @@ fn a_note_is_reported_once() {
 #[test]
 fn options_stand_beside_the_scene() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", SMALL);
-    let out = folder.path("frames.npy");
+    let (scene, out) = (folder.scene(""), folder.path("frames.npy"));
     let simulate = |more: &str| eit(format!("simulate {scene} --nodes 900 --out {out} {more}"));
-    let options = folder.write(
-        "eit.toml",
-        "[simulate]\nframes = 23\nscript = \"press-and-hold\"\n[live]\nweb = true\n",
-    );
+    let keys = "[simulate]\nframes = 23\nscript = \"press-and-hold\"\n[live]\nweb = true\n";
+    let options = folder.write("eit.toml", keys);
     for (more, frames) in [("", 23), ("--frames 25", 25)] {
         assert!(simulate(more).status.success());
         assert_eq!(read_array::<ndarray::Ix2>(&out).nrows(), frames);
@@ -111,10 +101,7 @@ fn options_stand_beside_the_scene() {
     // other commands and built-in scenes do not see it
     succeed(format!("plan {scene}"));
     for (content, words) in [
-        (
-            "[simulate]\nframe = 3",
-            "unexpected argument '--frame' found tip: a similar argument exists: '--frames'",
-        ),
+        ("[simulate]\nframe = 3", "'--frame' found tip: a similar argument exists: '--frames'"),
         ("[simulat]\nframes = 3", "[simulat]: not a command"),
         ("frames = 3", "[frames]: not a command"),
         ("[simulate]\nframes = true", "a value is required for '--frames <N>'"),
@@ -131,35 +118,29 @@ fn options_stand_beside_the_scene() {
     }
     std::fs::remove_file(&options).unwrap();
     std::fs::create_dir(&options).unwrap();
-    let said = stderr(&simulate(""));
-    assert!(said.contains("eit.toml: not a file of at most"), "{said}");
+    says(&stderr(&simulate("")), "eit.toml: not a file of at most");
 }
 
-/// A board that measures each electrode against the sink: refused with what to set, and right once that is set, with frames in
-/// rows or one value per line.
+/// A board that measures each electrode against the sink, with frames in rows or one value per line: refused with what
+/// to set, and right once that is set.
 #[test]
 fn potentials_are_recognised_by_what_they_are() {
     let folder = Folder::new();
     let electrodes = "[electrodes]\ncount = 16\nwidth_m = 0.008\ncontact_impedance_ohm_m = 0.5\n";
     let skin = "[skin]\nshape = \"disc\"\nradius_m = 0.1\nconductivity_s = 1e-3\n";
-    // driven across the skin, to and fro
-    let undriven = |a: usize| (0..16).filter(move |m| ![a, (a + 8) % 16].contains(m));
-    let quadruple = |a: usize, m: usize| format!("{a},{},{m},{}\n", (a + 8) % 16, (a + 8) % 16);
-    let all = (0..16).flat_map(|a| undriven(a).map(move |m| quadruple(a, m)));
+    // value k is of electrode k modulo 16, and k / 16 drives across the skin, to and fro
+    let is_driven = |k: usize| k % 8 == k / 16 % 8;
+    let sink = |k: usize| (k / 16 + 8) % 16;
+    let quadruple = |k: usize| format!("{},{},{},{}\n", k / 16, sink(k), k % 16, sink(k));
+    let all = (0..256).filter(|k| !is_driven(*k)).map(quadruple);
     folder.write("q.csv", &all.collect::<String>());
-    let truth = format!(
-        "{skin}{electrodes}[protocol]\nquadruples_file = \"q.csv\"\ncurrent_a = 1e-3\n[mesh]\nnodes = 6000\n"
-    );
-    let (truth, out) = (folder.write("truth.toml", &truth), folder.path("v.csv"));
+    let truth = "[protocol]\nquadruples_file = \"q.csv\"\ncurrent_a = 1e-3\n[mesh]\nnodes = 6000\n";
+    let truth = folder.write("truth.toml", format!("{skin}{electrodes}{truth}"));
+    let out = folder.path("v.csv");
     succeed(format!("forward {truth} --out {out}"));
-    let mut voltages = read_text(&out)
-        .split([',', '\n'])
-        .filter_map(|v| v.parse().ok())
-        .collect::<Vec<f64>>()
-        .into_iter();
-    let frame: Vec<f64> = (0..256)
-        .map(|k| if undriven(k / 16).any(|m| m == k % 16) { voltages.next().unwrap() } else { 0.0 })
-        .collect();
+    let mut voltages = recorded(&out, false).into_iter();
+    let frame: Vec<f64> =
+        (0..256).map(|k| if is_driven(k) { 0.0 } else { voltages.next().unwrap() }).collect();
     assert_eq!(voltages.next(), None);
     let scaled =
         |k: usize| frame.iter().map(move |v| (v * (1.0 + 1e-4 * (k % 3) as f64)).to_string());
@@ -167,26 +148,23 @@ fn potentials_are_recognised_by_what_they_are() {
     let lines: Vec<String> = (0..12).flat_map(scaled).collect();
     for (name, text) in [("rows.csv", rows.join("\n")), ("lines.txt", lines.join("\n"))] {
         folder.write(name, &text);
-        let scene = |protocol: &str| {
-            format!(
-                "{skin}{electrodes}[protocol]\n{protocol}\ncurrent_a = 1e-3\n[recording]\nfile = \"{name}\"\nreference = \"0..6\"\n"
-            )
-        };
+        let recording = format!(
+            "[recording]\nfile = \"{name}\"\nreference = \"0..6\"\n[reconstruction]\npixels = 16\n"
+        );
         let out = folder.path("out");
         let read = |protocol: &str| {
-            let scene = folder.write("scene.toml", &scene(protocol));
+            let protocol = format!("[protocol]\n{protocol}\ncurrent_a = 1e-3\n{recording}");
+            let scene = folder.write("scene.toml", format!("{skin}{electrodes}{protocol}"));
             eit(format!("reconstruct {scene} --out {out}"))
         };
         let said = stderr(&read("drive = \"adjacent\""));
         let (_, keys) = said.split_once("set [protocol] ").unwrap_or_else(|| panic!("{said}"));
         let (keys, _) = keys.split_once(" (").unwrap();
-        assert!(
-            keys.starts_with("pairs = [[0, 8], [1, 9], ") && keys.contains("[8, 0], "),
-            "{said}"
-        );
+        let (first, back) = ("pairs = [[0, 8], [1, 9], ", "[8, 0], ");
+        assert!(keys.starts_with(first) && keys.contains(back), "{said}");
         let keys = keys.replace(", measure", "\nmeasure").replace(", driven", "\ndriven");
         let output = read(&keys);
-        let all = format!("{}{}", stdout(&output), stderr(&output));
+        let all = all_said(&output);
         let found = all.split_once("with correlation ").and_then(|(_, rest)| rest.split_once(','));
         // another mesh
         let is_explained = found.is_some_and(|(found, _)| found.parse::<f64>().unwrap() > 0.99);
@@ -194,29 +172,23 @@ fn potentials_are_recognised_by_what_they_are() {
     }
 }
 
-/// Reciprocity and levels tell another order before a table is converted, where its values get the names of electrodes; magnitudes
-/// calibrate like voltages.
+/// Another order is told before a table is converted; magnitudes calibrate like voltages.
 #[test]
 fn values_are_what_the_scene_says_or_are_refused() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", SMALL);
-    let ascending = SMALL.replace("[mesh]", "order = \"ascending\"\n[mesh]");
+    let scene = folder.scene("");
+    let ascending = altered("[mesh]", "order = \"ascending\"\n[mesh]");
     let ascending = folder.write("ascending.toml", ascending);
-    let (table, out) = (folder.path("v.csv"), folder.path("v.mcap"));
+    let [table, out] = folder.paths(["v.csv", "v.mcap"]);
     succeed(format!("forward {ascending} --out {table}"));
-    let said = refuse(format!("convert {table} --scene {scene} --out {out}"));
-    assert!(said.contains("set that") && said.contains("order = \"ascending\""), "{said}");
-    succeed(format!("convert {table} --scene {ascending} --out {out}"));
+    let convert = |scene: &str| format!("convert {table} --scene {scene} --out {out}");
+    refuse_each([(convert(&scene), "set that…order = \"ascending\"")]);
+    succeed(convert(&ascending));
     // all voltages of adjacent pairs have one sign: those of other conductivity as magnitudes give it back
     succeed(format!("forward {scene} --out {table}"));
-    let voltages = read_text(&table);
-    let sizes = voltages.trim().split(',').map(|v| v.parse::<f64>().unwrap().abs().to_string());
-    let sizes = folder.write("sizes.csv", sizes.collect::<Vec<_>>().join(",") + "\n");
-    let guess =
-        folder.write("guess.toml", SMALL.replace("conductivity_s = 1e-5", "conductivity_s = 2e-5"));
+    let sizes = recorded(&table, false).mapv(f64::abs);
+    let sizes = folder.write_array("sizes.npy", &sizes);
+    let guess = folder.altered("conductivity_s = 1e-5", "conductivity_s = 2e-5");
     let said = succeed(format!("calibrate {guess} --frames {sizes}"));
-    assert!(
-        said.contains("the values are magnitudes") && said.contains("conductivity 1.0000e-5 S"),
-        "{said}"
-    );
+    says(&said, "the values are magnitudes…conductivity 1.0000e-5 S");
 }

@@ -1,10 +1,12 @@
-//! `reconstruction.electrode_movement_m`: displacements of electrodes as nuisance parameters, on the
-//! simulated fabric with its compliant rim.
+//! `reconstruction.electrode_movement_m`, on the simulated fabric with its compliant rim.
 
-use crate::common::{Folder, SMALL, answer, parse, read_array, read_text, refuse, succeed};
+use crate::common::{
+    Folder, SMALL, altered, answer, number, parse, read_array, read_text, refuse_each,
+    refuse_plans, rows, succeed,
+};
 use eit_hw::Quality;
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
-use ndarray::{Array1, Array2, Array3, Axis};
+use ndarray::{Array1, Array2, Array3, Axis, Ix3};
 use serde_json::Value;
 
 /// The value in the scenes: twice the mean movement in these recordings.
@@ -29,8 +31,8 @@ fn simulated() -> (Folder, String) {
     (folder, scene)
 }
 
-/// The same frames as a recording whose frame 40 has a value that its instrument flags.
-fn with_a_bad_value(folder: &Folder) -> String {
+/// Writes the same frames as a recording whose frame 40 has a value that its instrument flags.
+fn with_a_bad_value(folder: &Folder) {
     let [frames, good, bad] = folder.paths(["frames.npy", "good.mcap", "bad.mcap"]);
     succeed(format!("convert {frames} --out {good}"));
     let capture = eit_hw::capture::read(&good).unwrap();
@@ -44,7 +46,6 @@ fn with_a_bad_value(folder: &Folder) -> String {
         writer.frame(&frame).unwrap();
     }
     writer.finish().unwrap();
-    bad
 }
 
 /// Reconstructs a scene in the folder of its frames; `report.json` and images.
@@ -63,17 +64,16 @@ fn norm<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
 fn time_s(report: &Value, name: &str) -> f64 {
     let stages = report["stages"].as_array().unwrap();
     let of_name = stages.iter().filter(|stage| stage["stage"] == name);
-    of_name.map(|stage| stage["time_s"].as_f64().unwrap()).sum()
+    of_name.map(|stage| number(stage, "time_s")).sum()
 }
 
 /// Fraction of the images' energy farther than 40 mm from the finger, over the frames with one.
 fn energy_away(folder: &Folder, images: &Array3<f64>) -> f64 {
-    let truth = read_text(folder.path("sim/touches.csv"));
     let pixel_m = 0.2 / images.dim().1 as f64;
     let (mut away, mut all) = (0.0, 0.0);
-    for line in truth.lines().skip(1) {
-        let number = |column: usize| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
-        let [frame, x_m, y_m] = [0, 3, 4].map(number);
+    for touch in rows(folder.path("sim/touches.csv")) {
+        let [frame, x_m, y_m] =
+            ["frame", "x_m", "y_m"].map(|name| touch[name].parse::<f64>().unwrap());
         for ((row, column), value) in images.index_axis(Axis(0), frame as usize).indexed_iter() {
             let x = (column as f64 + 0.5) * pixel_m - 0.1 - x_m;
             let y = 0.1 - (row as f64 + 0.5) * pixel_m - y_m;
@@ -124,6 +124,30 @@ fn images_and_touches_are_made_of_what_is_left() {
     assert!(zero(40) && !zero(39));
     let row = |images: &Array3<f64>| images.index_axis(Axis(0), 39).row(16).to_owned();
     assert_eq!(row(&holed), row(&images));
+    a_stream_loses_what_electrodes_leave(&folder);
+}
+
+/// The same live, frame by frame; a bad frame is counted and skipped.
+fn a_stream_loses_what_electrodes_leave(folder: &Folder) {
+    let [recording, out] = folder.paths(["bad.mcap", "out"]);
+    let scene = succeed("plan paper-disc --print-scene");
+    let replay = |keys: &str| {
+        let rate = "[recording]\nframe_rate_hz = 20.0\n";
+        let file = folder.write("live.toml", format!("{}\n{rate}", with(&scene, keys)));
+        let line = format!("replay {file} --from {recording} --reference-frames 20 --out {out}");
+        (answer(line), read_array::<Ix3>(format!("{out}/images.npy")))
+    };
+    for method in ["gauss-newton", "tv"] {
+        let (plain, came) = replay(&format!("method = \"{method}\""));
+        let (answer, left) = replay(&format!("method = \"{method}\"\n{KEY}"));
+        let of = &answer["images"];
+        assert!(of["how"].to_string().contains("electrodes may move by 0.20 mm"), "{answer}");
+        assert_eq!((&of["lost"], &plain["images"]["lost"]), (&1.into(), &0.into()), "{answer}");
+        assert_eq!((left.dim(), came.dim()), ((25, 32, 32), (25, 32, 32)));
+        assert!(left.index_axis(Axis(0), 24) != came.index_axis(Axis(0), 24));
+        let [with, without] = [&answer, &plain].map(|answer| number(answer, "touches"));
+        assert!(with > 0.0 && with <= without, "{answer} {plain}");
+    }
 }
 
 /// A patch that was moved, on a new mesh and with no other change, leaves hardly any image: 0.05 of it for
@@ -155,82 +179,44 @@ fn a_moved_patch_is_no_touch() {
     }
 }
 
-/// The same live, frame by frame; a bad frame is counted and skipped.
-#[test]
-fn a_stream_of_frames_loses_what_electrodes_leave() {
-    let (folder, _) = simulated();
-    let recording = with_a_bad_value(&folder);
-    let scene = succeed("plan paper-disc --print-scene");
-    let replay = |keys: &str| {
-        let rate = "[recording]\nframe_rate_hz = 20.0\n";
-        let file = folder.write("live.toml", format!("{}\n{rate}", with(&scene, keys)));
-        let line = format!("replay {file} --from {recording} --reference-frames 20");
-        let out = folder.path("out");
-        let json = answer(format!("{line} --out {out}"));
-        (json, read_array::<ndarray::Ix3>(format!("{out}/images.npy")))
-    };
-    for method in ["gauss-newton", "tv"] {
-        let (plain, came) = replay(&format!("method = \"{method}\""));
-        let (answer, left) = replay(&format!("method = \"{method}\"\n{KEY}"));
-        let of = &answer["images"];
-        assert!(of["how"].to_string().contains("electrodes may move by 0.20 mm"), "{answer}");
-        assert_eq!((&of["lost"], &plain["images"]["lost"]), (&1.into(), &0.into()), "{answer}");
-        assert_eq!((left.dim(), came.dim()), ((25, 32, 32), (25, 32, 32)));
-        assert!(left.index_axis(Axis(0), 24) != came.index_axis(Axis(0), 24));
-        let touches = |answer: &Value| answer["touches"].as_u64().unwrap();
-        assert!(touches(&answer) > 0 && touches(&answer) <= touches(&plain), "{answer} {plain}");
-    }
-}
-
 /// Rejected before any work, with the reason.
 #[test]
 fn what_cannot_be_together_is_refused() {
     let folder = Folder::new();
-    let key = |keys: &str| folder.write("scene.toml", with(SMALL, keys));
-    let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
+    let quadratic = altered("[mesh]", "[mesh]\nelements = \"quadratic\"");
     let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
-    for (scene, output) in [
+    refuse_plans([
         (with(SMALL, "electrode_movement_m = -1.0"), "must be finite and above"),
         (with(SMALL, &absolute), "movement is removed from differences"),
         (with(&quadratic, KEY), "those of linear elements"),
-    ] {
-        let said = refuse(format!("plan {}", folder.write("scene.toml", scene)));
-        assert!(said.contains(output), "{said}");
-    }
-    let (scene, out) = (key(KEY), folder.path("out"));
-    let said = refuse(format!("net train {scene} --out {out}.safetensors"));
-    let why = match cfg!(feature = "train") {
-        true => "`eit net train` does not support",
-        false => "built without training",
-    };
-    assert!(said.contains(why), "{said}");
+    ]);
+    let scene = folder.write("scene.toml", with(SMALL, KEY));
+    let noisy = format!("{KEY}\n[noise]\nadditive_v = 1e-6");
+    let noisy = folder.write("noisy.toml", with(SMALL, &noisy));
+    let [out, voltages] = folder.paths(["out", "v.npy"]);
     let images = folder.write_array("images.npy", &Array3::<f64>::zeros((1, 32, 32)));
-    let said = refuse(format!("net apply {scene} --images {images} --out {out}"));
-    assert!(said.contains("`eit net apply` does not support"), "{said}");
-
-    let voltages = folder.path("v.npy");
     succeed(format!("forward {scene} --out {voltages}"));
-    let still: ndarray::Array1<f64> = read_array(&voltages);
+    let still: Array1<f64> = read_array(&voltages);
     let frames = Array2::from_shape_fn((4, still.len()), |(f, i)| {
         still[i] * (1.0 + 1e-3 * f as f64 * (i as f64).sin())
     });
     folder.write_array("v.npy", &frames);
-    for (keys, method, output) in [
-        (KEY.to_owned(), "gauss-newton", "needs the noise: state [noise]"),
-        (
-            format!("{KEY}\n[noise]\nadditive_v = 1e-6"),
-            "gauss-newton-absolute",
-            "before a linear method",
-        ),
-    ] {
-        let from = format!("--frames {voltages} --reference 0 --method {method}");
-        let said = refuse(format!("reconstruct {} --out {out} {from}", key(&keys)));
-        assert!(said.contains(output), "{said}");
-    }
+    let from = format!("--frames {voltages} --reference 0 --out {out} --method");
+    let train = match cfg!(feature = "train") {
+        true => "`eit net train` does not support",
+        false => "built without training",
+    };
+    let apply = "`eit net apply` does not support";
+    let unknown = "needs the noise: state [noise]";
+    let absolute = "gauss-newton-absolute";
+    refuse_each([
+        (format!("net train {scene} --out {out}.safetensors"), train),
+        (format!("net apply {scene} --images {images} --out {out}"), apply),
+        (format!("reconstruct {scene} {from} gauss-newton"), unknown),
+        (format!("reconstruct {noisy} {from} {absolute}"), "before a linear method"),
+    ]);
 }
 
-/// The plan has the stage, or says why it is omitted; its predicted time is within a wide factor of the real
-/// one (the machine is loaded: see the report for accurate values).
 #[test]
 fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     let folder = Folder::new();
@@ -247,10 +233,10 @@ fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     assert!(!left_out(&moves));
     assert!(stage["size"].as_str().unwrap().starts_with("[40, 16], taken out of [40, "), "{stage}");
     assert!(stage["why"].as_str().unwrap().contains("0.20 mm"), "{stage}");
-    assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0);
+    assert!(number(&stage, "expected_time_s") > 0.0);
 
     // a mesh chosen for accuracy has elements with known derivatives along displacements
-    let accurate = SMALL.replace("edge_m = 0.012", "required_accuracy = 3e-3");
+    let accurate = altered("edge_m = 0.012", "required_accuracy = 3e-3");
     let scene = folder.write("scene.toml", &with(&accurate, KEY));
     let out = folder.path("m.msh");
     let mesh = answer(format!("mesh {scene} --out {out}"));

@@ -3,8 +3,10 @@
 //! command's, solved with the press in it (no linearisation), rounded to converter steps.
 #![cfg(unix)]
 
-use crate::common::emulated::{Board, converse};
-use crate::common::{Folder, exists, parse, read_text, refuse, succeed};
+use crate::common::emulated::{Board, converse, side_by_side};
+use crate::common::{
+    Folder, exists, largest, number, parse, read_text, refuse, refuse_each, says, succeed,
+};
 use eit_fem::{DrivenElectrodes, ForwardModel, Protocol};
 use eit_skin::first_scene::{FirstScene, Outline};
 use eit_skin::scene::{ChangeSign, Direction, Position, Scene};
@@ -30,28 +32,20 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
     }
     let Outline::Rectangle { width_m, height_m } = truth.outline else { panic!("a rectangle") };
     let count = truth.electrodes;
-    let mut places_m: Vec<[f64; 2]> = (0..count)
-        .map(|k| {
-            let off = wiring.uneven * [0.0, 1.0, -0.5, -1.0, 0.7][k % 5];
-            // along the rim from the middle of the right edge
-            let s = (k as f64 + off) / count as f64 * 2.0 * (width_m + height_m);
-            let edges = [
-                ([width_m / 2.0, 0.0], [0.0, 1.0], height_m / 2.0),
-                ([width_m / 2.0, height_m / 2.0], [-1.0, 0.0], width_m),
-                ([-width_m / 2.0, height_m / 2.0], [0.0, -1.0], height_m),
-                ([-width_m / 2.0, -height_m / 2.0], [1.0, 0.0], width_m),
-                ([width_m / 2.0, -height_m / 2.0], [0.0, 1.0], height_m / 2.0),
-            ];
-            let mut left = s;
-            for ([x, y], [dx, dy], long) in edges {
-                if left <= long {
-                    return [x + left * dx, y + left * dy];
-                }
-                left -= long;
-            }
-            panic!("{s} m is beyond the rim")
-        })
-        .collect();
+    let place = |k: usize| {
+        let off = wiring.uneven * [0.0, 1.0, -0.5, -1.0, 0.7][k % 5];
+        // along the rim from the middle of the right edge: half of it, then the others and the first again
+        let mut left =
+            (k as f64 + off) / count as f64 * 2.0 * (width_m + height_m) + height_m / 2.0;
+        let [mut x, mut y, mut dx, mut dy] = [width_m / 2.0, -height_m / 2.0, 0.0, 1.0];
+        for long in [height_m, width_m, height_m, width_m, height_m] {
+            let step = left.min(long);
+            (x, y, left) = (x + step * dx, y + step * dy, left - step);
+            (dx, dy) = (-dy, dx);
+        }
+        [x, y]
+    };
+    let mut places_m: Vec<[f64; 2]> = (0..count).map(place).collect();
     if let Some(electrode) = wiring.swapped {
         places_m.swap(electrode, (electrode + 1) % count);
     }
@@ -81,14 +75,13 @@ fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64)
                 *value *= times.powf((-square / RADIUS_M.powi(2)).exp());
             }
         }
-        model.forward(&conductivity_s).unwrap().to_vec()
+        model.forward(&conductivity_s).unwrap()
     };
     let untouched = voltages(None);
-    let largest = untouched.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    let all = std::iter::once(untouched).chain(places_m.iter().map(|place| voltages(Some(place))));
     // differences of potentials are formed of larger values, and need a finer converter
-    let most = if truth.ground.is_some() { 8e6 } else { 30_000.0 };
-    all.map(|frame| frame.iter().map(|value| value / largest * most).collect()).collect()
+    let step_v = largest(&untouched) / if truth.ground.is_some() { 8e6 } else { 30_000.0 };
+    let all = std::iter::once(untouched).chain(places_m.iter().map(|place| voltages(Some(place))));
+    all.map(|frame| (frame / step_v).to_vec()).collect()
 }
 
 /// Potentials of undriven electrodes against the sink, for the drives of these measurements.
@@ -140,23 +133,29 @@ fn check(truth: &FirstScene, times: f64, options: &str) {
     assert_eq!(skin.protocol.quadruples().unwrap(), measured, "{all}");
 }
 
-/// The paper's disc, wired clockwise from the upper left, values in the order of the electrodes.
+/// The paper's disc, wired clockwise from the upper left, values in the order of the electrodes; the same board where it
+/// prints the potential of each undriven electrode against the sink, of which pairs are formed, here and in the scene; a
+/// rectangle whose touches lower the conductivity, wired from the middle of its left edge; eight electrodes of a disc
+/// with opposite drive, all pairs measured.
 #[test]
-fn a_disc_that_is_wired_clockwise() {
-    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
-    truth.first_angle_deg = 135.0;
-    truth.direction = Direction::Clockwise;
-    truth.protocol.order = eit_fem::Order::Ascending;
-    check(&truth, 1.5, "--radius-mm 100 --electrodes 16");
-}
-
-/// A board that prints the potential of each undriven electrode against the sink: pairs are formed from them, here and in the scene.
-#[test]
-fn a_board_that_measures_against_the_sink() {
-    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
-    truth.first_angle_deg = 45.0;
-    truth.ground = Some(DrivenElectrodes::Drop);
-    check(&truth, 1.5, "--radius-mm 100 --electrodes 16");
+fn the_scene_of_a_board_is_found() {
+    let disc = || FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
+    let mut clockwise = FirstScene { first_angle_deg: 135.0, ..disc() };
+    clockwise.direction = Direction::Clockwise;
+    clockwise.protocol.order = eit_fem::Order::Ascending;
+    let mut against_sink = FirstScene { first_angle_deg: 45.0, ..disc() };
+    against_sink.ground = Some(DrivenElectrodes::Drop);
+    let losing = FirstScene { first_angle_deg: 180.0, sign: ChangeSign::Decrease, ..rectangle() };
+    let mut opposite = FirstScene::new(Outline::Disc { radius_m: 0.06 }, 8);
+    opposite.first_angle_deg = 45.0;
+    opposite.protocol.drive = eit_fem::PairPattern::Opposite;
+    let cases = [
+        (clockwise, 1.5, "--radius-mm 100 --electrodes 16"),
+        (against_sink, 1.5, "--radius-mm 100 --electrodes 16"),
+        (losing, 0.6, RECTANGLE),
+        (opposite, 1.5, "--radius-mm 60 --electrodes 8"),
+    ];
+    side_by_side(cases, |(truth, times, options)| check(&truth, times, options));
 }
 
 const RECTANGLE: &str = "--width-mm 120 --height-mm 80 --electrodes 16";
@@ -165,29 +164,10 @@ fn rectangle() -> FirstScene {
     FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16)
 }
 
-/// A rectangle whose touches lower the conductivity, wired from the middle of its left edge.
-#[test]
-fn a_rectangle_that_loses_conductivity() {
-    let mut truth = rectangle();
-    truth.first_angle_deg = 180.0;
-    truth.sign = ChangeSign::Decrease;
-    check(&truth, 0.6, RECTANGLE);
-}
-
-/// Eight electrodes with opposite drive, all pairs measured, of a disc.
-#[test]
-fn a_board_with_opposite_drive() {
-    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.06 }, 8);
-    truth.first_angle_deg = 45.0;
-    truth.protocol.drive = eit_fem::PairPattern::Opposite;
-    check(&truth, 1.5, "--radius-mm 60 --electrodes 8");
-}
-
-/// Two neighbouring wires are exchanged: they are named, with and without presses, and the rest is found as if they were
-/// not.
+/// With and without presses, and the rest is found as if they were not.
 #[test]
 fn exchanged_wires_are_named() {
-    for (swapped, more) in [(4, ""), (15, ""), (9, " --no-presses")] {
+    side_by_side([(4, ""), (15, ""), (9, " --no-presses")], |(swapped, more)| {
         let (folder, wiring) =
             (Folder::new(), Wiring { swapped: Some(swapped), ..Wiring::default() });
         let (file, answer, said) =
@@ -204,23 +184,23 @@ fn exchanged_wires_are_named() {
             assert_eq!(electrodes.first_angle_deg, Some(0.0), "{all}");
             assert_eq!(electrodes.direction, Direction::Counterclockwise, "{all}");
         }
-    }
+    });
 }
 
 /// Electrodes that are not equally spaced are reported; equally spaced ones are not, nor are any wires reported as exchanged.
 #[test]
 fn uneven_electrodes_are_noticed() {
     let options = format!("{RECTANGLE} --json --no-presses");
-    for (uneven, is_reported) in [(0.0, false), (0.05, false), (0.3, true)] {
+    side_by_side([(0.0, false), (0.05, false), (0.3, true)], |(uneven, is_reported)| {
         let (folder, wiring) = (Folder::new(), Wiring { uneven, ..Wiring::default() });
         let (_, answer, _) = init(&folder, &rectangle(), wiring, 1.5, &options);
         let answer = parse(&answer);
         let unsure = answer["unsure"].to_string();
         assert_eq!(unsure.contains("not equally spaced"), is_reported, "{uneven}: {answer}");
         assert!(answer["swapped_electrodes"].is_null(), "{uneven}: {answer}");
-        let correlation = answer["model_correlation"].as_f64().unwrap();
+        let correlation = number(&answer, "model_correlation");
         assert!(is_reported || correlation > 0.98, "{uneven}: {correlation}");
-    }
+    });
 }
 
 /// Invalid settings are rejected before anything is opened or written.
@@ -228,7 +208,7 @@ fn uneven_electrodes_are_noticed() {
 fn wrong_arguments_are_reported_by_name() {
     let folder = Folder::new();
     let file = folder.path("my.toml");
-    for (options, output) in [
+    let cases = [
         ("", "--shape"),
         ("--radius-mm 100", "--electrodes"),
         ("--radius-mm -1 --electrodes 16", "--radius-mm -1"),
@@ -238,14 +218,12 @@ fn wrong_arguments_are_reported_by_name() {
         ("--radius-mm 100 --electrodes 0", "electrode"),
         ("--radius-mm 100 --electrodes 16 --port tcp:nowhere", "tcp:host:port"),
         ("--radius-mm 5 --electrodes 16 --electrode-width-mm 9", "electrode"),
-    ] {
-        let said = refuse(format!("init {file} {options}"));
-        assert!(said.contains(output) && !exists(&file), "{options}: {said}");
-    }
+    ];
+    refuse_each(cases.map(|(options, words)| (format!("init {file} {options}"), words)));
+    assert!(!exists(&file));
     let good = format!("init {file} --radius-mm 100 --electrodes 16");
     succeed(&good);
-    let said = refuse(&good);
-    assert!(said.contains("exists") && said.contains("--force"), "{said}");
+    says(&refuse(&good), "exists…--force");
     succeed(format!("{good} --force"));
     succeed(format!("plan {file}"));
 }
@@ -260,7 +238,6 @@ fn another_number_of_electrodes_is_named() {
     let size = "--radius-mm 100 --electrodes 12 --listen-s 1";
     let (_, code, said) = converse(format!("init {file} {size} --port {port}"), |_, _, _| {});
     assert_eq!(code, 2, "{said}");
-    for words in ["208", "[16]", "--electrodes"] {
-        assert!(said.contains(words) && !exists(&file), "{said}");
-    }
+    says(&said, "208…[16]…--electrodes");
+    assert!(!exists(&file));
 }

@@ -4,7 +4,9 @@
 #![cfg(unix)]
 
 use crate::common::emulated::{Board, converse, signal};
-use crate::common::{Folder, SMALL, answer, exists, read_text, refuse};
+use crate::common::{
+    Folder, SMALL, answer, exists, number, read_text, refuse_each, rows, says, voltages,
+};
 use eit_skin::scene::Scene;
 use eit_skin::{Progress, Skin};
 use serde_json::Value;
@@ -30,18 +32,14 @@ static TRUTH: LazyLock<Skin> = LazyLock::new(|| {
     Skin::from_scene(scene).unwrap().with_nodes(3000, &mut Progress::silent()).unwrap()
 });
 
-/// Frame of the true skin in converter steps, pressed with a force by a finger of 12 mm; more force has a larger
-/// effect, by a power of 1.25.
+/// Frame of the true skin in converter steps, pressed by a finger of 12 mm with a force, whose effect is its power of 0.8.
 fn frame(press: Option<([f64; 2], f64)>) -> Vec<f64> {
-    let skin = &*TRUTH;
-    let mut conductivity_s = skin.background_s();
-    for (value, [cx, cy, _]) in conductivity_s.iter_mut().zip(skin.mesh.surface().centroids()) {
-        if let Some(([x, y], force_n)) = press {
-            let square = (cx - x).powi(2) + (cy - y).powi(2);
-            *value *= 1.0 + 0.5 * force_n.powf(0.8) * (-square / 0.012_f64.powi(2)).exp();
-        }
-    }
-    skin.model.forward(&conductivity_s).unwrap().iter().map(|v| v / STEP_V).collect()
+    let ([x, y], force_n) = press.unwrap_or_default();
+    let voltages_v = voltages(&TRUTH, |[cx, cy, _]| {
+        let square = (cx - x).powi(2) + (cy - y).powi(2);
+        1.0 + 0.5 * force_n.powf(0.8) * (-square / 0.012_f64.powi(2)).exp()
+    });
+    (voltages_v / STEP_V).to_vec()
 }
 
 /// A board, and the folder with its scene.
@@ -58,9 +56,8 @@ impl Bench {
         Self { folder, board, scene }
     }
 
-    /// Presses where the command asks; returns answer, exit code and all that it said. `force_n` is the force of a
-    /// press; it is typed when asked for, unless it is NaN. A press that is refused is released. `at` is called at
-    /// each press.
+    /// Presses where the command asks, each with a force; returns answer, exit code and all that it said. A press that is
+    /// refused is released. `at` is called at each press.
     fn teach(
         &self,
         options: &str,
@@ -71,13 +68,11 @@ impl Bench {
         let line =
             format!("--json learn {} --live --out {out} --hold-s 0.15 {options}", self.scene);
         let mut number = 0;
-        let (answer, code, said) = converse(line, |line, child, typed| {
+        let (answer, code, said) = converse(line, |line, child, _| {
             if let Some(rest) = line.strip_prefix("press ") {
                 number = rest.split(' ').next().unwrap().parse::<usize>().unwrap() - 1;
                 self.board.show(frame(Some((place_of(line), force_n(number)))));
                 at(number, child);
-            } else if line.starts_with("force of this press") {
-                writeln!(typed, "{}", force_n(number)).unwrap();
             } else if line.starts_with("detected") || line.starts_with("this press cannot be used")
             {
                 self.board.show(frame(None));
@@ -99,8 +94,7 @@ fn place_of(line: &str) -> [f64; 2] {
     [x, y].map(|mm| mm.parse::<f64>().unwrap() / 1e3)
 }
 
-/// Twelve presses with two known weights, stopped by Ctrl-C after seven and continued: positions and forces are
-/// learnt, the error is shown, and the stored files teach the same.
+/// With two known weights: positions and forces are learnt, the error is shown, and the stored files teach the same.
 #[test]
 fn twelve_presses_interrupted_and_continued() {
     let bench = Bench::new();
@@ -112,11 +106,11 @@ fn twelve_presses_interrupted_and_continued() {
         }
     });
     assert_eq!(code, 0, "{said}");
-    let first = learnt.unwrap()["presses"].as_u64().unwrap();
+    let first = number(&learnt.unwrap(), "presses") as usize;
     assert!(first == 7 || first == 8, "{said}");
     assert!(said.contains("5 presses: error of held-out presses "), "{said}");
     let [table, recording] = bench.folder.paths(["skin.presses.csv", "skin.presses.mcap"]);
-    assert_eq!(bench.lines_of_the_table() as u64, first + 1);
+    assert_eq!(bench.lines_of_the_table(), first + 1);
     // without --append nothing is overwritten
     let (_, code, said) = bench.teach(weights, force, |_, _| {});
     assert!(code == 2 && said.contains("--append"), "{code}: {said}");
@@ -130,14 +124,13 @@ fn twelve_presses_interrupted_and_continued() {
     let (learnt, code, said) = bench.teach(&format!("{weights} --append"), force, |_, _| {});
     assert_eq!(code, 0, "{said}");
     let next = format!("press {} of 12", first + 1);
-    for words in ["incomplete last line", "incomplete record", &next] {
-        assert!(said.contains(words) && !said.contains("press 1 of"), "{said}");
-    }
+    says(&said, format!("incomplete last line…incomplete record…{next}"));
+    assert!(!said.contains("press 1 of"), "{said}");
     let learnt = learnt.unwrap();
     assert_eq!(learnt["presses"], 12);
-    let error_m = |answer: &Value| answer["held_out"]["presses"]["median_m"].as_f64().unwrap();
+    let error_m = |answer: &Value| number(&answer["held_out"]["presses"], "median_m");
     assert!(error_m(&learnt) < 5e-3, "{learnt}");
-    assert!(learnt["force"]["relative_error"].as_f64().unwrap() < 0.15, "{learnt}");
+    assert!(number(&learnt["force"], "relative_error") < 0.15, "{learnt}");
     // the stored table and recording teach the same
     let (scene, again) = (&bench.scene, bench.folder.path("again.learned"));
     let files = format!("--presses {table} --frames {recording}");
@@ -147,95 +140,71 @@ fn twelve_presses_interrupted_and_continued() {
     assert!((one - other).abs() < 1e-6, "{one} {other}");
 }
 
-/// Forces typed after each press; too few presses are kept but not learnt.
+/// Something that looks like a touch and is never held is named, with what to do: nothing waits without a word. A press
+/// with missing values is refused, with the reason, and asked for again once it is released.
 #[test]
-fn forces_that_are_typed() {
+fn a_touch_that_is_never_held_and_a_refused_press_are_named() {
     let bench = Bench::new();
-    let force = |k: usize| 0.4 + 0.5 * k as f64;
-    let (learnt, code, said) = bench.teach("--number 6 --ask-force", force, |k, child| {
-        if k == 2 {
-            signal(child, "-INT");
-        }
-    });
-    let says = said.contains("continue with --append");
-    assert!(code == 1 && learnt.is_none() && says, "{code}: {said}");
-    let table = read_text(bench.folder.path("skin.presses.csv"));
-    assert!(table.lines().nth(2).unwrap().contains(",0.9,"), "{table}");
-    assert!(!exists(bench.folder.path("skin.learned")));
-}
-
-/// A press with missing values is refused, with the reason, and asked for again once it is released.
-#[test]
-fn a_refused_press_is_asked_for_again() {
-    let bench = Bench::new();
-    let mut spoilt = 0;
-    let (_, code, said) = bench.teach(
-        "--number 4 --all",
-        |_| 1.0,
-        |k, _| {
-            if k == 2 && spoilt < 2 {
-                spoilt += 1;
-                bench.board.frame.lock().unwrap()[7] = f64::NAN;
-            }
-        },
-    );
-    assert!(code == 0 || code == 1, "{code}: {said}");
-    let count = |words: &str| said.lines().filter(|line| line.starts_with(words)).count();
-    let counts = ["this press cannot be used", "press 3 of 4", "press 4 of 4"].map(count);
-    assert_eq!(counts, [2, 3, 1]);
-    // the refused ones are not among those that are stored
-    assert_eq!(bench.lines_of_the_table(), 5, "{said}");
-}
-
-/// Something that looks like a touch and is never held is named, with what to do: nothing waits without a word.
-#[test]
-fn a_touch_that_is_never_held_is_named() {
-    let bench = Bench::new();
-    let mut is_asked = false;
-    let (_, code, said) = bench.teach(
-        "--number 4",
-        |_| 1.0,
-        |k, child| {
-            assert_eq!(k, 0);
-            bench.board.show(frame(None));
-            if std::mem::replace(&mut is_asked, true) {
-                // asked again after the touch was named
-                return signal(child, "-INT");
-            }
+    let (mut is_asked, mut spoilt) = (false, 0);
+    let at = |k: usize, _: &Child| {
+        if k == 0 && !std::mem::replace(&mut is_asked, true) {
             // far above the noise of the untouched skin, and never the same
+            bench.board.show(frame(None));
             *bench.board.noise.lock().unwrap() = 2000.0;
             let noise = Arc::clone(&bench.board.noise);
             std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_secs(13));
                 *noise.lock().unwrap() = 1.0;
             });
-        },
-    );
-    assert_eq!(code, 1, "{said}");
+        } else if k == 2 && spoilt < 2 {
+            spoilt += 1;
+            bench.board.frame.lock().unwrap()[7] = f64::NAN;
+        }
+    };
+    let (_, code, said) = bench.teach("--number 4 --all", |_| 1.0, at);
+    assert!(code == 0 || code == 1, "{code}: {said}");
     let changing = "the touch has changed for 10 s: hold it still, or release it";
-    assert!(said.contains(changing) && said.contains("interrupted: 0 presses made now"), "{said}");
+    assert!(said.contains(changing), "{said}");
+    let count = |words: &str| said.lines().filter(|line| line.starts_with(words)).count();
+    // the first one again after the touch was named
+    let words = ["press 1 of 4", "this press cannot be used", "press 3 of 4", "press 4 of 4"];
+    assert_eq!(words.map(count), [2, 2, 3, 1], "{said}");
+    // the refused ones are not among those that are stored
+    assert_eq!(bench.lines_of_the_table(), 5, "{said}");
 }
 
-/// Ctrl-C while a force is to be typed ends the command, and keeps the press without its force.
+/// Forces typed after each press. Ctrl-C while one is to be typed ends the command, and keeps the press without its force;
+/// too few presses are kept but not learnt.
 #[test]
-fn ctrl_c_ends_the_wait_for_a_force() {
+fn forces_that_are_typed() {
     let bench = Bench::new();
     let out = bench.folder.path("skin.learned");
-    let line = format!("learn {} --live --out {out} --hold-s 0.15 --number 4", bench.scene);
-    let (_, code, said) = converse(format!("{line} --ask-force"), |line, child, _| {
+    let line = format!("learn {} --live --out {out} --hold-s 0.15 --number 6", bench.scene);
+    let mut typed = 0;
+    let (answer, code, said) = converse(format!("{line} --ask-force"), |line, child, input| {
         if line.starts_with("press ") {
-            bench.board.show(frame(Some((place_of(line), 1.0))));
-        } else if line.starts_with("force of this press") {
+            bench.board.show(frame(Some((place_of(line), 0.4 + 0.5 * typed as f64))));
+        } else if line.starts_with("detected") {
+            bench.board.show(frame(None));
+        } else if line.starts_with("force of this press") && typed == 2 {
             signal(child, "-INT");
+        } else if line.starts_with("force of this press") {
+            writeln!(input, "{}", 0.4 + 0.5 * typed as f64).unwrap();
+            typed += 1;
         }
     });
-    assert_eq!((code, bench.lines_of_the_table()), (1, 2), "{said}");
+    assert!(code == 1 && said.contains("continue with --append"), "{code}: {said}");
+    assert!(answer.is_empty() && !exists(out), "{answer}");
+    assert!(said.contains("interrupted: "), "{said}");
+    let table = rows(bench.folder.path("skin.presses.csv"));
+    let forces: Vec<&str> = table.iter().map(|row| &*row["force_n"]).collect();
+    assert_eq!(forces, ["0.4", "0.9", ""], "{table:?}");
 }
 
 /// Flags that belong together, and numbers out of range.
 #[test]
 fn wrong_arguments() {
-    for (options, output) in [
+    let cases = [
         ("", "--presses"),
         ("--live --frames f.mcap", "--frames"),
         ("--presses p.csv --force-n 1", "--live"),
@@ -243,8 +212,7 @@ fn wrong_arguments() {
         ("--live --force-n 0", "force_n is 0"),
         ("--live --hold-s 1000", "hold_s is 1000"),
         ("--live", "instrument"),
-    ] {
-        let said = refuse(format!("learn paper-disc --out x.learned {options}"));
-        assert!(said.contains(output), "{options}: {said}");
-    }
+    ];
+    let line = |options: &str| format!("learn paper-disc --out x.learned {options}");
+    refuse_each(cases.map(|(options, words)| (line(options), words)));
 }

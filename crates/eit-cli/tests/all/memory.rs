@@ -1,7 +1,7 @@
 //! Memory of commands that read files: the whole process takes at most 64 MB plus ten times the file.
 #![cfg(target_os = "linux")]
 
-use crate::common::{Folder, SMALL, command, eit, exists, read, refuse, stderr};
+use crate::common::{Folder, SMALL, command, eit, exists, read, refuse, says, stderr};
 use std::process::Stdio;
 use std::time::Duration;
 
@@ -62,8 +62,7 @@ fn commands_that_read_take_little_memory() {
     }
 }
 
-/// Settings are refused beyond a size at which the most expensive content still fits the bound, and tables of presses
-/// beyond a number: at once.
+/// Settings beyond a size whose most expensive content fits the bound, and many presses, are refused at once.
 #[test]
 fn settings_and_tables_take_little_memory() {
     let folder = Folder::new();
@@ -79,8 +78,7 @@ fn settings_and_tables_take_little_memory() {
         let said = stderr(&eit(format!("plan {file}")));
         assert!(!said.contains("kB"), "not read: {said}");
         folder.write("scene.toml", format!("{content}{}", " ".repeat(all)));
-        let said = refuse(format!("plan {file}"));
-        assert!(said.contains("not a file of at most 512 kB"), "{said}");
+        says(&refuse(format!("plan {file}")), "not a file of at most 512 kB");
     }
     let out = folder.path("a.learned");
     let presses = folder.write("presses.csv", format!("x_m,y_m\n{}", "0,0\n".repeat(5_000_000)));

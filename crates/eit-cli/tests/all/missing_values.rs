@@ -1,10 +1,8 @@
-//! Files with values that are not numbers, through the commands: missing values are accepted, and a frame
-//! without any value does not interrupt detection.
+//! Missing values are accepted in all files, and a frame without any value does not interrupt detection.
 
-use crate::common::{Folder, SMALL, answer, parse, read_text, succeed, touched_frames};
-use ndarray::Array2;
+use crate::common::{Folder, answer, parse, read_text, rows, succeed, touched_frames};
 use serde_json::Value;
-use std::fmt::Write;
+use std::collections::BTreeSet;
 
 /// Frames with the finger, which stays: it appears in frame 101 of 200.
 const TOUCHED: std::ops::Range<usize> = 101..200;
@@ -14,8 +12,8 @@ const EMPTY: [usize; 3] = [60, 120, 150];
 const HOLED: usize = 7;
 
 /// Frames with holes, as NPY and as CSV.
-fn holed(folder: &Folder, scene: &str) -> [String; 2] {
-    let (_, mut frames) = touched_frames(folder, scene);
+fn holed(folder: &Folder) -> [String; 2] {
+    let mut frames = touched_frames(folder).1.clone();
     for (frame, mut values) in frames.rows_mut().into_iter().enumerate() {
         if EMPTY.contains(&frame) {
             values.fill(f64::NAN);
@@ -24,45 +22,27 @@ fn holed(folder: &Folder, scene: &str) -> [String; 2] {
             [frame % 40, (3 * frame + 17) % 40].iter().for_each(|&i| values[i] = f64::NAN);
         }
     }
-    [folder.write_array("holed.npy", &frames), folder.write("holed.csv", table(&frames))]
-}
-
-fn table(frames: &Array2<f64>) -> String {
-    let mut text = String::new();
-    for row in frames.rows() {
-        let words: Vec<String> = row.iter().map(|value| format!("{value:e}")).collect();
-        writeln!(text, "{}", words.join(",")).unwrap();
-    }
-    text
-}
-
-/// Frames of a touch list with a valid touch, and the ids of all touches.
-fn valid_frames(csv: &str) -> (Vec<usize>, Vec<String>) {
-    let text = read_text(csv);
-    let mut lines = text.lines();
-    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let column = |name: &str| header.iter().position(|word| *word == name).unwrap();
-    let [frame, id, valid] = ["frame", "id", "valid"].map(column);
-    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
-    // without those that only tell the state of the skin
-    let rows: Vec<Vec<&str>> = rows.into_iter().filter(|row| !row[id].is_empty()).collect();
-    let mut ids: Vec<String> = rows.iter().map(|row| row[id].to_owned()).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    let is_valid = |row: &&Vec<&str>| row[valid] == "true";
-    (rows.iter().filter(is_valid).map(|row| row[frame].parse().unwrap()).collect(), ids)
+    let cells = |row: ndarray::ArrayView1<'_, f64>| {
+        row.iter().map(|value| format!("{value:e}")).collect::<Vec<_>>().join(",") + "\n"
+    };
+    let table: String = frames.rows().into_iter().map(cells).collect();
+    [folder.write_array("holed.npy", &frames), folder.write("holed.csv", table)]
 }
 
 /// The finger is detected from its second frame to the last in all but the empty frames, and in no frame
 /// without it. Returns how many ids its touches get (this small skin splits the finger).
 fn check(csv: &str, first: usize) -> usize {
-    let (frames, ids) = valid_frames(csv);
-    let found: Vec<usize> = frames.iter().map(|frame| frame + first).collect();
-    let wanted: Vec<usize> = TOUCHED.skip(1).filter(|frame| !EMPTY.contains(frame)).collect();
-    let missed: Vec<_> = wanted.iter().filter(|frame| !found.contains(frame)).collect();
-    assert!(missed.is_empty(), "{csv:?}: no touch in {missed:?}");
+    let rows = rows(csv);
+    // without those that only tell the state of the skin
+    let touches = || rows.iter().filter(|row| !row["id"].is_empty());
+    let found: BTreeSet<usize> = touches()
+        .filter(|row| row["valid"] == "true")
+        .map(|row| first + row["frame"].parse::<usize>().unwrap())
+        .collect();
+    let mut wanted = TOUCHED.skip(1).filter(|frame| !EMPTY.contains(frame));
+    assert!(wanted.all(|frame| found.contains(&frame)), "{csv:?}: {found:?}");
     assert!(found.iter().all(|frame| TOUCHED.contains(frame)), "{csv:?}: {found:?}");
-    ids.len()
+    touches().map(|row| &row["id"]).collect::<BTreeSet<_>>().len()
 }
 
 fn faults(report: &Value) -> usize {
@@ -73,9 +53,9 @@ fn faults(report: &Value) -> usize {
 #[test]
 fn values_that_are_no_numbers_are_missing() {
     let folder = Folder::new();
-    let scene = folder.write("scene.toml", format!("{SMALL}\n[recording]\nframe_rate_hz = 20.0\n"));
+    let scene = folder.scene("[recording]\nframe_rate_hz = 20.0\n");
     let whole = folder.path("touched.npy");
-    let files = holed(&folder, &scene);
+    let files = holed(&folder);
     let mut ids = Vec::new();
     for file in [&whole, &files[0], &files[1]] {
         let out = folder.path("out");

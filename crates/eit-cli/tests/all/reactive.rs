@@ -1,13 +1,13 @@
-//! Reactive skins: complex voltages and Jacobian against closed forms and the real model, a plan that says
-//! so, and clear rejections.
+//! Reactive skins: complex voltages and Jacobian against closed forms and the real model.
 
-use crate::common::{Folder, SMALL, answer, read, read_text, refuse, succeed};
+use crate::common::{
+    Folder, SMALL, answer, number, read, read_array, read_text, refuse_each, refuse_plans, says,
+    succeed,
+};
 use eit_fem::Complex64;
-use ndarray::{Array1, Array2, ArrayView, Dimension};
-use serde_json::Value;
+use ndarray::{Array1, Array2, Ix1, Ix2};
 
-/// Ratio of the total admittance of the skin of [`SMALL`] with a capacitance of equal admittance to that
-/// without.
+/// Admittance of the skin of [`SMALL`] with a capacitance of equal admittance over that without.
 const TURN: Complex64 = Complex64::new(1.0, 1.0);
 
 /// [`SMALL`] with more lines in its first three tables.
@@ -38,13 +38,14 @@ fn voltages(path: &str) -> Array1<Complex64> {
     ndarray_npy::read_npy(path).unwrap()
 }
 
-fn largest<D: Dimension>(values: ArrayView<'_, Complex64, D>) -> f64 {
-    values.iter().fold(0.0, |m, v| m.max(v.norm()))
-}
-
 /// Largest difference over the largest value.
-fn differ(found: &Array1<Complex64>, wanted: &Array1<Complex64>) -> f64 {
-    largest((found - wanted).view()) / largest(wanted.view())
+fn differ<'a>(
+    found: impl IntoIterator<Item = &'a Complex64>,
+    wanted: impl IntoIterator<Item = &'a Complex64>,
+) -> f64 {
+    let pairs = found.into_iter().zip(wanted).map(|(f, w)| [(f - w).norm(), w.norm()]);
+    let [off, size] = pairs.fold([0.0_f64; 2], |[a, b], [c, d]| [a.max(c), b.max(d)]);
+    off / size
 }
 
 /// `V(t gamma, z / t) = V(gamma, z) / t` and `dV/dgamma` over `t` squared, for every complex `t`: with
@@ -54,18 +55,15 @@ fn differ(found: &Array1<Complex64>, wanted: &Array1<Complex64>) -> f64 {
 fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
     let folder = Folder::new();
     let file = |command: &str, content: &str, out: &str| made(&folder, command, content, out);
-    let real: Array1<f64> = ndarray_npy::read_npy(file("forward", SMALL, "v.npy")).unwrap();
-    let real_jacobian: Array2<f64> =
-        ndarray_npy::read_npy(file("jacobian", SMALL, "j.npy")).unwrap();
+    let real = read_array::<Ix1>(file("forward", SMALL, "v.npy"));
+    let real_jacobian = read_array::<Ix2>(file("jacobian", SMALL, "j.npy"));
     let content = capacitive(CONTACTS_OF_45_DEGREES);
-    let turned = voltages(&file("forward", &content, "v.npy"));
-    let wanted = real.mapv(|v| Complex64::from(v) / TURN);
-    let error = differ(&turned, &wanted);
+    let wanted = real.mapv(|v| v / TURN);
+    let error = differ(&voltages(&file("forward", &content, "v.npy")), &wanted);
     let jacobian: Array2<Complex64> =
         ndarray_npy::read_npy(file("jacobian", &content, "j.npy")).unwrap();
-    let wanted_jacobian = real_jacobian.mapv(|j| Complex64::from(j) / (TURN * TURN));
     assert_eq!(jacobian.dim(), (40, real_jacobian.ncols()));
-    let slope = largest((jacobian - &wanted_jacobian).view()) / largest(wanted_jacobian.view());
+    let slope = differ(&jacobian, &real_jacobian.mapv(|j| j / (TURN * TURN)));
     println!("voltages {error:.1e}, Jacobian {slope:.1e}");
     // condition number about 1e4; the frequency of the scene is rounded to the last digit
     assert!(error < 1e-12 && slope < 1e-12, "{error:e} {slope:e}");
@@ -102,42 +100,6 @@ fn a_strip_has_its_closed_form() {
     assert!(found.len() == 1 && error < 1e-12, "{found} {wanted}");
 }
 
-/// The Jacobian of a skin with mixed phases: the remainder `V(gamma + h d) - V(gamma) - h J d` falls with `h`
-/// squared along a complex direction. Admittivities are read from files, so their order is that of the
-/// Jacobian's columns.
-#[test]
-fn taylor_remainders_of_the_jacobian_fall_with_the_square() {
-    let folder = Folder::new();
-    let scene = folder.write("scene.toml", capacitive("contact_capacitance_f_per_m = 3e-9"));
-    let (sheet, out) = (folder.path("sheet.npy"), folder.path("out.npy"));
-    let run = |command: &str, gamma: &Array1<Complex64>| {
-        ndarray_npy::write_npy(&sheet, gamma).unwrap();
-        succeed(format!("{command} {scene} --conductivity {sheet} --out {out}"));
-    };
-    let json = answer(format!("jacobian {scene} --out {out}"));
-    assert_eq!(json["complex"], true);
-    let elements = json["shape"][1].as_u64().unwrap() as usize;
-    let phase = |e: usize| 1.5 * ((e * 37 % 101) as f64 / 101.0);
-    let gamma = Array1::from_shape_fn(elements, |e| Complex64::from_polar(1e-5, phase(e)));
-    let direction = Array1::from_shape_fn(elements, |e| {
-        Complex64::from_polar(1e-6, std::f64::consts::TAU * (e * 53 % 97) as f64 / 97.0)
-    });
-    run("jacobian", &gamma);
-    let jacobian: Array2<Complex64> = ndarray_npy::read_npy(&out).unwrap();
-    let along = jacobian.dot(&direction);
-    run("forward", &gamma);
-    let base = voltages(&out);
-    let remainders = [0.5, 0.25, 0.125].map(|h: f64| {
-        run("forward", &(&gamma + &direction.mapv(|d| d * h)));
-        largest((voltages(&out) - &base - along.mapv(|a| a * h)).view())
-    });
-    let slopes = [0, 1].map(|k| (remainders[k] / remainders[k + 1]).log2());
-    println!("{remainders:?} {slopes:?}");
-    // steps of up to 5 %: the cubic term is some percent of the quadratic one and halves with the step
-    assert!((slopes[0] - 2.0).abs() < 0.1 && (slopes[1] - 2.0).abs() < 0.05, "{slopes:?}");
-    assert!(remainders[0] < 0.1 * 0.5 * largest(along.view()), "{remainders:?}");
-}
-
 /// CSV alternates real and imaginary parts; a file of conductivities is combined with the scene's
 /// capacitance, a file of admittivities is used unchanged.
 #[test]
@@ -151,35 +113,28 @@ fn files_hold_the_same_numbers() {
     assert_eq!(numbers, parts);
 
     let scene = folder.write("scene.toml", &content);
-    let out = folder.path("out.npy");
+    let [out, file] = folder.paths(["out.npy", "sheet.npy"]);
     let json = answer(format!("forward {scene} --out {out}"));
     assert_eq!(json["complex"], true);
     // conductors and capacitors: no more than three (`eit-fem`, test `admittivity`)
-    let growth = json["solve"]["growth"].as_f64().unwrap();
+    let growth = number(&json["solve"], "growth");
     assert!((1.0..3.0).contains(&growth), "{growth}");
-    let elements = json["elements"].as_u64().unwrap() as usize;
-    let file = folder.path("sheet.npy");
-    let arguments = format!("forward {scene} --conductivity {file} --out {out}");
-    let solve = || {
-        succeed(&arguments);
-        voltages(&out)
-    };
-    ndarray_npy::write_npy(&file, &Array1::from_elem(elements, 1e-5)).unwrap();
-    assert_eq!(solve(), wanted);
+    let elements = number(&json, "elements") as usize;
+    let line = |scene: &str| format!("forward {scene} --conductivity {file} --out {out}");
+    folder.write_array("sheet.npy", &Array1::from_elem(elements, 1e-5));
+    succeed(line(&scene));
+    assert_eq!(voltages(&out), wanted);
     let sheet = |gamma: Complex64| {
         ndarray_npy::write_npy(&file, &Array1::from_elem(elements, gamma)).unwrap();
     };
-    sheet(1e-5 * TURN);
-    // the frequency of the scene is rounded to the last digit; condition number about 1e4
-    assert!(differ(&solve(), &wanted) < 1e-12);
     sheet(Complex64::new(-1.0, 0.0));
-    let found = refuse(&arguments);
-    assert!(found.contains("the admittivity of element 0 is -1+0i S"), "{found}");
-    // a skin without capacitance rejects them
+    refuse_each([(line(&scene), "the admittivity of element 0 is -1+0i S")]);
     sheet(1e-5 * TURN);
-    let real = folder.write("scene.toml", SMALL);
-    let found = refuse(format!("forward {real} --conductivity {file} --out {out}"));
-    assert!(found.contains("the scene stores no charge"), "{found}");
+    succeed(line(&scene));
+    // the frequency of the scene is rounded to the last digit; condition number about 1e4
+    assert!(differ(&voltages(&out), &wanted) < 1e-12);
+    // a skin without capacitance rejects them
+    refuse_each([(line(&folder.scene("")), "the scene stores no charge")]);
 }
 
 /// Nothing flows through a capacitor at zero frequency, nor through zero capacitance: files equal those of
@@ -200,8 +155,8 @@ fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
             assert!(real == bytes(command, content, out), "{command} {out}: {content}");
         }
     }
-    let output = succeed(format!("plan {}", folder.write("scene.toml", &still[0])));
-    assert!(output.contains("frequency are zero: no current flows through them"), "{output}");
+    let said = succeed(format!("plan {}", folder.write("scene.toml", &still[0])));
+    says(&said, "frequency are zero: no current flows through them");
 }
 
 #[test]
@@ -219,45 +174,35 @@ fn plan_says_whether_arithmetic_is_complex_and_why() {
     let json = answer(format!("plan {scene}"));
     assert_eq!(json["complex"], true);
     // a single phase, up to rounding: elimination in real numbers, rotated
-    assert!(json["phase_span_deg"].as_f64().unwrap() < 1e-9, "{json}");
-    assert!((json["growth"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{json}");
-    let names = |list: &Value, key: &str| -> Vec<String> {
-        list.as_array().unwrap().iter().map(|l| l[key].as_str().unwrap().to_owned()).collect()
-    };
-    let stages = names(&json["stages"], "stage");
+    assert!(number(&json, "phase_span_deg") < 1e-9, "{json}");
+    assert!((number(&json, "growth") - 1.0).abs() < 1e-9, "{json}");
+    let stages = json["stages"].as_array().unwrap().iter();
+    let stages: Vec<&str> = stages.map(|stage| stage["stage"].as_str().unwrap()).collect();
     assert_eq!(stages, ["mesh", "forward, complex", "Jacobian, complex"]);
-    assert!(!names(&json["left_out"], "what").contains(&"complex arithmetic".to_owned()));
+    let left_out = json["left_out"].as_array().unwrap();
+    assert!(left_out.iter().all(|part| part["what"] != "complex arithmetic"), "{json}");
 }
 
-#[test]
-fn commands_that_know_conductivity_only_refuse() {
-    let folder = Folder::new();
-    let scene = folder.write("scene.toml", &capacitive(""));
-    let out = folder.path("out");
-    let frames = folder.path("frames.npy");
-    ndarray_npy::write_npy(&frames, &Array2::<f64>::ones((2, 40))).unwrap();
-    for line in [
-        format!("simulate {scene} --out {out}"),
-        format!("reconstruct {scene} --frames {frames} --reference 0 --out {out}"),
-        format!("calibrate {scene} --frames {frames}"),
-        format!("plan {scene} --method st-tv"),
-    ] {
-        let found = refuse(&line);
-        assert!(found.contains("the scene stores charge at 1591"), "{line}: {found}");
-        assert!(found.contains("`eit forward`, `eit jacobian`, `eit plan`"), "{found}");
-    }
-    succeed(format!("mesh {scene} --out {}", folder.path("skin.msh")));
-}
-
+/// Keys are checked, and commands that know conductivity only refuse.
 #[test]
 fn keys_are_checked() {
     let folder = Folder::new();
-    let refused = |content: &str| refuse(format!("plan {}", folder.write("scene.toml", content)));
+    let scene = folder.write("scene.toml", capacitive(""));
+    let [out, mesh] = folder.paths(["out", "skin.msh"]);
+    let frames = folder.write_array("frames.npy", &Array2::ones((2, 40)));
+    let words = "the scene stores charge at 1591…`eit forward`, `eit jacobian`, `eit plan`";
+    refuse_each([
+        (format!("simulate {scene} --out {out}"), words),
+        (format!("reconstruct {scene} --frames {frames} --reference 0 --out {out}"), words),
+        (format!("calibrate {scene} --frames {frames}"), words),
+        (format!("plan {scene} --method st-tv"), words),
+    ]);
+    succeed(format!("mesh {scene} --out {mesh}"));
     let content = capacitive("");
     let (sheet, contacts) = ("sheet_capacitance_f", "count = 8\ncontact_capacitance_f_per_m = ");
     let [negative, infinite] = ["-1.0 #", "inf #"].map(|value| format!("{sheet} = {value}"));
     let [two, nan] = ["[1e-9, 1e-9]", "nan"].map(|value| format!("{contacts}{value}"));
-    for (message, from, to) in [
+    let cases = [
         ("skin.sheet_capacitance_f is -1", sheet, &negative[..]),
         ("skin.sheet_capacitance_f is inf", sheet, &infinite),
         ("protocol.frequency_hz is NaN", "frequency_hz = ", "frequency_hz = nan #"),
@@ -269,11 +214,11 @@ fn keys_are_checked() {
         ("contact_impedance_ohm_m is inf at electrode 1", "_ohm_m = 1e3", "_ohm_m = inf"),
         ("mesh.elements is \"quadratic\"", "[mesh]", "[mesh]\nelements = \"quadratic\""),
         ("did you mean", "sheet_capacitance_f", "permitivity_f"),
-    ] {
+    ];
+    refuse_plans(cases.map(|(message, from, to)| {
         assert!(content.contains(from), "{from}");
-        let found = refused(&content.replace(from, to));
-        assert!(found.contains(message), "{message}: {found}");
-    }
+        (content.replace(from, to), message)
+    }));
     // a capacitance without a resistance in parallel is a contact
     let content = capacitive(CONTACTS_OF_45_DEGREES).replace("_ohm_m = 1e3", "_ohm_m = inf");
     succeed(format!("plan {}", folder.write("scene.toml", &content)));

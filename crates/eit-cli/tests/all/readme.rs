@@ -1,5 +1,4 @@
-//! The commands of README.md and of the book run as written, one folder a page, in order; its TOML is read,
-//! and its Rust is compiled.
+//! The commands of README.md and of the book run as written, one folder a page, in order.
 //!
 //! A word behind `sh` says why a block cannot run here: `board` needs an instrument or another terminal,
 //! `robot` a robot's software, `long` more time or other programs. That the program understands their
@@ -58,14 +57,10 @@ fn run(page: &Path) -> usize {
     let lines = blocks.lines().filter(|line| !line.is_empty() && !line.starts_with('#'));
     let mut count = 0;
     for line in lines {
-        let output = Command::new("sh")
-            .args(["-c", line])
-            .env("PATH", &path)
-            .current_dir(folder.path(""))
-            .output();
-        let output = output.unwrap();
-        let said = stderr(&output);
-        assert!(output.status.success(), "{}: `{line}`: {said}", page.display());
+        let mut shell = Command::new("sh");
+        shell.args(["-c", line]).env("PATH", &path).current_dir(folder.path(""));
+        let output = shell.output().unwrap();
+        assert!(output.status.success(), "{}: `{line}`: {}", page.display(), stderr(&output));
         count += 1;
     }
     count
@@ -78,41 +73,29 @@ fn commands_of_all_pages() {
     assert!(counts >= 10, "{counts}");
 }
 
-/// Blocks have a language, and those of the shell a known reason not to run.
+/// Blocks have a language, and those of the shell a known reason not to run; TOML is read, and pages with Rust code are
+/// compiled as documentation of the benches. A page fits a sitting; tables that a program writes do not count.
 #[test]
-fn blocks_are_of_known_kinds() {
-    let known = "sh,sh board,sh robot,sh long,toml,rust,python,text,c,json";
-    let known: Vec<&str> = known.split(',').chain(["rust,no_run"]).collect();
+fn pages_are_short_and_their_blocks_of_known_kinds() {
+    let known = "sh,sh board,sh robot,sh long,toml,rust,rust+no_run,python,text,c,json";
+    let known: Vec<String> = known.split(',').map(|kind| kind.replace('+', ",")).collect();
+    let compiled = read_text(root().join("benches/src/lib.rs"));
     for page in pages() {
-        let text = read_text(&page);
+        let (name, text) = (page.strip_prefix(root()).unwrap().display(), read_text(&page));
+        let is_generated = page.ends_with("docs/PERFORMANCE.md");
+        assert!(is_generated || text.lines().count() < 250, "{name}");
         let fences: Vec<&str> =
             text.lines().filter_map(|line| line.trim().strip_prefix("```")).collect();
         for pair in fences.chunks(2) {
-            assert!(known.contains(&pair[0]), "{}: ```{}", page.display(), pair[0]);
-            assert_eq!(pair.get(1), Some(&""), "{}: the end of ```{}", page.display(), pair[0]);
+            assert!(known.iter().any(|kind| kind == pair[0]), "{name}: ```{}", pair[0]);
+            assert_eq!(pair.get(1), Some(&""), "{name}: the end of ```{}", pair[0]);
         }
-    }
-}
-
-/// Pages with Rust code are compiled as documentation of the benches.
-#[test]
-fn rust_of_all_pages_is_compiled() {
-    let compiled = read_text(root().join("benches/src/lib.rs"));
-    for page in pages() {
-        let code = blocks(&page, "rust").len() + blocks(&page, "rust,no_run").len();
-        let name = page.strip_prefix(root()).unwrap().display().to_string();
-        let named = format!("../../{name}\"");
-        assert!(code == 0 || compiled.contains(&named), "{name} is not compiled");
-    }
-}
-
-#[test]
-fn toml_of_all_pages_is_read() {
-    for page in pages() {
         for block in blocks(&page, "toml") {
             let read: Result<toml::Table, _> = toml::from_str(&block);
-            assert!(read.is_ok(), "{}: {}", page.display(), read.unwrap_err());
+            assert!(read.is_ok(), "{name}: {}", read.unwrap_err());
         }
+        let code = blocks(&page, "rust").len() + blocks(&page, "rust,no_run").len();
+        assert!(code == 0 || compiled.contains(&format!("../../{name}\"")), "{name}");
     }
 }
 
@@ -127,15 +110,5 @@ fn keys_of_scenes_and_scripts_exist() {
     for script in blocks(&root().join("docs/FABRIC.md"), "toml") {
         let read = toml::from_str::<TouchScript>(&script);
         assert!(read.is_ok(), "{}", read.unwrap_err());
-    }
-}
-
-/// A page fits a sitting; tables that a program writes do not count.
-#[test]
-fn pages_are_short() {
-    for page in pages() {
-        let lines = read_text(&page).lines().count();
-        let is_generated = page.ends_with("docs/PERFORMANCE.md");
-        assert!(lines < 250 || is_generated, "{}: {lines} lines", page.display());
     }
 }

@@ -1,14 +1,12 @@
 //! `eit report`, and how `eit plan` uses it.
 
-#[cfg(unix)]
-use crate::common::emulated::signal;
 use crate::common::{
-    Folder, answer, command, exists, parse, read, read_text, refuse, stderr, succeed,
+    Folder, answer, exists, number, parse, read, read_text, refuse_each, refuse_plans, stderr,
+    succeed,
 };
 use serde_json::Value;
 
-/// The report of a scene: page, tables and pictures; meaningful errors; choices that are the best of
-/// their table.
+/// Page, tables and pictures; meaningful errors; choices that are the best of their table.
 #[test]
 fn the_report_of_a_scene_is_whole() {
     let folder = Folder::new();
@@ -20,7 +18,7 @@ fn the_report_of_a_scene_is_whole() {
     // absolute method by two rules
     assert_eq!(solvers.len(), 2 * (2 + 2 * 2) + 2, "{}", scene["failures"]);
     for row in solvers {
-        let number = |key: &str| row[key].as_f64().unwrap();
+        let number = |key: &str| number(row, key);
         assert!(number("relative_error") > 0.0, "{row}");
         let [least, median, most] =
             ["ms_a_frame_least", "ms_a_frame", "ms_a_frame_most"].map(number);
@@ -34,8 +32,8 @@ fn the_report_of_a_scene_is_whole() {
     let choices = scene["choices"].as_array().unwrap();
     assert_eq!(choices.len(), 6, "three times, recorded and live");
     for choice in choices.iter().filter(|choice| !choice["choice"].is_null()) {
-        let cost_ms = choice["choice"]["cost_ms_a_frame"].as_f64().unwrap();
-        assert!(cost_ms <= 1e3 * choice["budget_s"].as_f64().unwrap(), "{choice}");
+        let cost_ms = number(&choice["choice"], "cost_ms_a_frame");
+        assert!(cost_ms <= 1e3 * number(choice, "budget_s"), "{choice}");
         assert!(choice["live"] == false || choice["choice"]["live"] == true, "{choice}");
     }
     check_forward(&report["forward"][0], "single-frame");
@@ -63,8 +61,7 @@ fn the_report_of_a_scene_is_whole() {
 fn check_forward(skin: &Value, name: &str) {
     assert_eq!(skin["scene"], name);
     let meshes = skin["meshes"].as_array().unwrap();
-    let number = |mesh: &Value, key: &str| mesh[key].as_f64().unwrap();
-    let median = |mesh: &Value, key: &str| mesh[key]["median_s"].as_f64().unwrap();
+    let median = |mesh: &Value, key: &str| number(&mesh[key], "median_s");
     for mesh in meshes {
         assert!(number(mesh, "error") >= 10.0 * number(skin, "reference_error"), "{mesh}");
         assert!(median(mesh, "voltages_time") < median(mesh, "time"), "{mesh}");
@@ -89,69 +86,62 @@ fn check_forward(skin: &Value, name: &str) {
     assert!(fine < most * coarse, "finer is better: {even:?}");
     for choice in skin["choices"].as_array().unwrap() {
         if let Some(error) = choice["choice"]["error"].as_f64() {
-            assert!(error <= choice["error"].as_f64().unwrap(), "{choice}");
+            assert!(error <= number(choice, "error"), "{choice}");
         }
     }
 }
 
-/// Skins without images: one compared with the series, one with a finer mesh, one with patches.
+/// Skins without images: one compared with the series, one with a finer mesh, one with patches. Ctrl-C then keeps the
+/// finished scenes, and they say so.
+#[cfg(unix)]
 #[test]
-fn forward_problems_of_other_skins_are_compared() {
+fn an_interrupted_report_keeps_what_it_has() {
     let folder = Folder::new();
     let out = folder.path("report");
     let names = ["hemisphere", "plate-with-hole", "patches"];
     let scenes = names.join(",");
-    let report = answer(format!("report --scenes {scenes} --out {out}"));
+    let mut report =
+        crate::common::command(format!("report --scenes {scenes},paper-disc-60 --out {out}"));
+    let (stdout, piped) = (std::process::Stdio::piped(), std::process::Stdio::piped());
+    let child = report.stdout(stdout).stderr(piped).spawn().unwrap();
+    // the last file of a set to be renamed into place
+    let file = format!("{out}/report.json");
+    let is_finished = || exists(&file) && read_text(&file).contains("\"scene\": \"patches\"");
+    crate::common::wait_until(is_finished);
+    crate::common::emulated::signal(&child, "-INT");
+    let output = child.wait_with_output().unwrap();
+    let error = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("3 of 4 scenes"), "{error}");
+    let page = read_text(format!("{out}/report.html"));
+    assert!(page.contains("Incomplete, without paper-disc-60"));
+    crate::common::says(&read_text(format!("{out}/incomplete.txt")), "paper-disc-60");
+    let report = parse(&read_text(file));
+    assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
     assert!(report["scenes"].as_array().unwrap().is_empty());
-    for (skin, name) in report["forward"].as_array().unwrap().iter().zip(names) {
+    let skins = report["forward"].as_array().unwrap();
+    assert_eq!(skins.len(), names.len());
+    for (skin, name) in skins.iter().zip(names) {
         check_forward(skin, name);
         let is_series = skin["reference"] == "the mesh-free series";
         assert_eq!(is_series, name == "hemisphere", "{skin}");
     }
     let table = read_text(format!("{out}/forward.csv"));
     assert!(names.iter().all(|name| table.contains(name)), "{table}");
-    let words = read_text(format!("{out}/report.md"));
-    assert!(words.contains("\n## Forward problem\n") && !words.contains("Incomplete"), "{words}");
+    assert!(read_text(format!("{out}/report.md")).contains("\n## Forward problem\n"));
     assert!(!exists(format!("{out}/inverse.csv")));
-    let refused = refuse(format!("report --images --scenes patches --out {out}"));
-    assert!(refused.contains("--images: the report has no images of patches"), "{refused}");
-}
-
-/// Ctrl-C keeps the finished scenes, and they say so.
-#[cfg(unix)]
-#[test]
-fn an_interrupted_report_keeps_what_it_has() {
-    let folder = Folder::new();
-    let out = folder.path("report");
-    let mut report = command(format!("report --scenes hemisphere,paper-disc-60 --out {out}"));
-    let (stdout, piped) = (std::process::Stdio::piped(), std::process::Stdio::piped());
-    let child = report.stdout(stdout).stderr(piped).spawn().unwrap();
-    // the last file of a set to be renamed into place
-    while !exists(format!("{out}/report.json")) {
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
-    signal(&child, "-INT");
-    let output = child.wait_with_output().unwrap();
-    let error = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{error}");
-    assert!(error.contains("1 of 2 scenes"), "{error}");
-    let page = read_text(format!("{out}/report.html"));
-    assert!(page.contains("Incomplete, without paper-disc-60"));
-    let words = read_text(format!("{out}/incomplete.txt"));
-    assert!(words.contains("paper-disc-60"), "{words}");
-    let report = parse(&read_text(format!("{out}/report.json")));
-    assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
-    check_forward(&report["forward"][0], "hemisphere");
     let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).collect();
     assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".eit-")), "{left:?}");
 }
 
 #[test]
-fn unknown_scenes_are_refused_before_any_work() {
-    let folder = Folder::new();
-    let out = folder.path("report");
-    let error = refuse(format!("report --scenes paper-disk --out {out}"));
-    assert!(error.contains("paper-disk") && error.contains("stiff-contact"), "{error}");
+fn scenes_without_a_report_are_refused_before_any_work() {
+    let out = Folder::new().path("report");
+    let images = "--images: the report has no images of patches";
+    refuse_each([
+        (format!("report --scenes paper-disk --out {out}"), "paper-disk…stiff-contact"),
+        (format!("report --images --scenes patches --out {out}"), images),
+    ]);
 }
 
 /// A plan states the expected error, if it was measured, and what would be better in less time.
@@ -167,40 +157,21 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
         let plan = answer(format!("plan {scene}"));
         let expected = &plan["expected_images"];
         assert_eq!(expected["measured_on"], like);
-        let error = expected["relative_error"].as_f64().unwrap();
+        let error = number(expected, "relative_error");
         // a method worse than twice an empty image is not worth planning with
         assert!((0.01..2.0).contains(&error), "{scene}: {error}");
         let best = expected["best"].as_array().unwrap();
         assert_eq!(best.len(), 6, "three times, recorded and live");
         for stage in plan["stages"].as_array().unwrap() {
-            assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0, "{stage}");
+            assert!(number(stage, "expected_time_s") > 0.0, "{stage}");
         }
-    }
-}
-
-/// Every built-in scene is a template for a scene file.
-#[test]
-fn built_in_scenes_print_and_mesh() {
-    let folder = Folder::new();
-    let scenes = ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"];
-    for scene in scenes {
-        let file = folder.write("scene.toml", succeed(format!("plan {scene} --print-scene")));
-        let voltages = |scene: &str, name: &str| {
-            let out = folder.path(name);
-            succeed(format!("forward {scene} --out {out}"));
-            read_text(out)
-        };
-        assert_eq!(voltages(scene, "a.csv"), voltages(&file, "b.csv"), "{scene}");
     }
 }
 
 /// Currents on all electrodes at once leave none undriven: the scene must say so.
 #[test]
 fn trigonometric_currents_keep_driven_electrodes() {
-    let folder = Folder::new();
     let scene = succeed("plan general-32 --print-scene");
     let dropped = scene.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
-    let file = folder.write("scene.toml", dropped);
-    let error = refuse(format!("plan {file}"));
-    assert!(error.contains("trigonometric") && error.contains("keep"), "{error}");
+    refuse_plans([(dropped, "trigonometric…keep")]);
 }

@@ -1,30 +1,29 @@
-//! Instruments that fall silent, restart, report wrong numbers or send hostile text, as a user of the
-//! commands meets them. The instrument is our own emulated device behind TCP, with interference in between.
+//! Instruments that fall silent, restart, report wrong numbers or send hostile text: our own emulated device behind TCP.
 #![cfg(unix)]
 
-use crate::common::emulated::{LIMIT, Meddled, device, record, scene, start};
-use crate::common::{Folder, command, eit, exists, read_text, stderr, stdout, succeed};
+use crate::common::emulated::{Meddled, device, record, scene, side_by_side, start};
+use crate::common::{
+    Folder, all_said, command, eit, exists, number, read_text, stderr, stdout, succeed, wait_until,
+};
+use eit_hw::codec::eits1::{self, Kind};
 use eit_hw::driver::Event;
 use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
 use eit_skin::Next;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
 
 /// A robot's loop is told that the instrument is gone, instead of seeing only that no frame comes.
 #[test]
 fn a_robot_hears_that_the_instrument_is_gone() {
-    let folder = Folder::new();
-    let emulator = start(device("skin"));
+    let (folder, emulator) = (Folder::new(), start(device("skin")));
     let skin = eit_skin::Skin::load(scene(&folder)).unwrap();
     let mut sensor = skin.open_at(Some(&emulator.endpoint().to_string())).unwrap();
     let wait = Duration::from_millis(50);
-    while !matches!(sensor.next_within(wait).unwrap(), Next::Waiting { .. }) {}
+    wait_until(|| matches!(sensor.next_within(wait).unwrap(), Next::Waiting { .. }));
     drop(emulator);
-    let begun = Instant::now();
-    while !matches!(sensor.next_within(wait).unwrap(), Next::Event(Event::Disconnected { .. })) {
-        assert!(begun.elapsed() < LIMIT);
-    }
+    let is_gone = |next: Next| matches!(next, Next::Event(Event::Disconnected { .. }));
+    wait_until(|| is_gone(sensor.next_within(wait).unwrap()));
     assert!(matches!(sensor.next_within(Duration::ZERO).unwrap(), Next::Nothing));
 }
 
@@ -51,37 +50,33 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     assert_eq!(json["reconnections"], 1, "{json}");
     assert_eq!(json["ended_silent"], false);
     // set-up, 2 s of silence, set-up again: more than two seconds of frames remain
-    assert!(json["frames"].as_u64().unwrap() > 200, "{json}");
+    assert!(number(&json, "frames") > 200.0, "{json}");
     // it is configured again after two seconds
-    assert!(json["silent_s"].as_f64().unwrap() >= 2.0, "{json}");
+    assert!(number(&json, "silent_s") >= 2.0, "{json}");
     assert!(stderr(&output).contains("no frame for 0.5 s"), "{}", stderr(&output));
     let capture = eit_hw::capture::read(&out).unwrap();
     assert_eq!(capture.frames().last().unwrap().epoch, 1);
 }
 
-/// A board that begins to send other lines is not told to be without power: the bytes are counted, and the reason
-/// why it is not used again is given once.
+/// And not told to be without power: the bytes are counted, and the reason why it is not used again is given once.
 #[test]
 fn a_board_that_sends_other_lines_is_named() {
-    struct Board {
-        sent: u64,
-    }
+    struct Board(u64);
     impl Device for Board {
         fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
 
         fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
-            while (self.sent as f64) < 50.0 * now.as_secs_f64() {
-                let count = if self.sent < 150 { 40 } else { 20 };
-                let values = (0..count).map(|k| (self.sent * 7 + k).to_string());
+            while (self.0 as f64) < 50.0 * now.as_secs_f64() {
+                let count = if self.0 < 150 { 40 } else { 20 };
+                let values = (0..count).map(|k| (self.0 * 7 + k).to_string());
                 out.extend(values.collect::<Vec<_>>().join(",").bytes().chain(*b"\r\n"));
-                self.sent += 1;
+                self.0 += 1;
             }
         }
 
         fn power_cycle(&mut self) {}
     }
-    let folder = Folder::new();
-    let emulator = start(Box::new(Board { sent: 0 }));
+    let (folder, emulator) = (Folder::new(), start(Box::new(Board(0))));
     let keys = read_text(scene(&folder));
     let keys = keys.replace("\"eits1\"", "\"csv\"").replace("frame_rate_hz = 100.0", "");
     let (board, out) = (folder.write("scene.toml", keys), folder.path("out.mcap"));
@@ -110,7 +105,7 @@ fn frames_of_an_unplugged_time_are_estimated() {
     let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
     let (output, json, out) = record(&folder, &emulator, "6");
     assert!(output.status.success(), "{}", stderr(&output));
-    let number = |key: &str| json[key].as_f64().unwrap();
+    let number = |key: &str| number(&json, key);
     assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
     // attempts to reconnect come at growing intervals, and take longer on a busy computer
     assert!((1.5..4.5).contains(&number("disconnected_s")), "{json}");
@@ -146,14 +141,14 @@ fn silence_at_the_end_is_exit_code_3() {
     assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
     assert_eq!(json["ended_silent"], true, "{json}");
     // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
-    assert!((20..150).contains(&json["frames"].as_u64().unwrap()), "{json}");
+    assert!((20.0..150.0).contains(&number(&json, "frames")), "{json}");
     // the same while watching, and if nothing arrives at all
     let (scene, port) = (scene(&folder), emulator.endpoint());
     for (command, wanted) in [("live", "no frame for"), ("check", "no frame within 2 s")] {
         let output = eit(format!("{command} {scene} --port {port} --seconds 2"));
-        assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
-        assert!(stderr(&output).contains(wanted), "{}", stderr(&output));
-        let said = stdout(&output);
+        let said = all_said(&output);
+        assert_eq!(output.status.code(), Some(3), "{said}");
+        assert!(stderr(&output).contains(wanted), "{said}");
         assert!(command != "live" || said.contains("silent or unplugged at the end"), "{said}");
     }
 }
@@ -161,45 +156,42 @@ fn silence_at_the_end_is_exit_code_3() {
 /// The frame counter restarts or has one impossible value: hardly a frame is lost.
 #[test]
 fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
-    for (name, epochs) in [("anew", 1), ("jump", 0)] {
-        let folder = Folder::new();
-        let mut frames = 0_u32;
+    side_by_side([("anew", 1), ("jump", 0)], |(name, epochs)| {
+        let (folder, mut frames) = (Folder::new(), 0_u32);
         let emulator = start(Box::new(Meddled {
             device: device("skin"),
             meddle: move |_, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
                 let mut out = Vec::new();
-                eit_hw::codec::eits1::Decoder::new().push(sent, &mut |event| {
-                    let eit_hw::codec::eits1::Event::Message(mut message) = event else { return };
-                    if message.kind == eit_hw::codec::eits1::Kind::Frame {
-                        frames += 1;
-                        match name {
-                            "anew" if frames > 100 => message.sequence = frames - 101,
-                            "jump" if frames == 100 => message.sequence += 1_000_000_000,
-                            _ => {}
-                        }
+                eits1::Decoder::new().push(sent, &mut |event| {
+                    let eits1::Event::Message(mut message) = event else { return };
+                    frames += u32::from(message.kind == Kind::Frame);
+                    match name {
+                        _ if message.kind != Kind::Frame => {}
+                        "anew" if frames > 100 => message.sequence = frames - 101,
+                        "jump" if frames == 100 => message.sequence += 1_000_000_000,
+                        _ => {}
                     }
-                    eit_hw::codec::eits1::encode(&message, &mut out).unwrap();
+                    eits1::encode(&message, &mut out).unwrap();
                 });
                 *sent = out;
             },
         }));
         let (output, json, out) = record(&folder, &emulator, "3");
         assert!(output.status.success(), "{}", stderr(&output));
-        let (found, lost) = (json["frames"].as_u64().unwrap(), json["lost"].as_u64().unwrap());
         // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
         // the impossible number, and one that it hides
-        assert!(found > 200 && lost <= 2, "{name}: {json}");
+        let [found, lost] = ["frames", "lost"].map(|key| number(&json, key));
+        assert!(found > 200.0 && lost <= 2.0, "{name}: {json}");
         assert_eq!(json["reconnections"], 0, "{name}: {json}");
         let capture = eit_hw::capture::read(&out).unwrap();
         assert_eq!(capture.frames().last().unwrap().epoch, epochs, "{name}");
-    }
+    });
 }
 
 /// Names, notes and files from elsewhere cannot move the cursor or fake a line.
 #[test]
 fn nothing_of_others_reaches_the_terminal_as_it_is() {
-    let folder = Folder::new();
-    let emulator = start(device(HOSTILE));
+    let (folder, emulator) = (Folder::new(), start(device(HOSTILE)));
     let (scene, port, out) = (scene(&folder), emulator.endpoint(), folder.path("out.mcap"));
     let note = "a\u{1b}[2Jb";
     for line in [
@@ -224,8 +216,7 @@ fn nothing_of_others_reaches_the_terminal_as_it_is() {
             // nor start a line within the name
             assert!(!said.lines().any(|line| line.trim_start().starts_with("FAKE")), "{said:?}");
         }
-        let all = stdout(&output) + &stderr(&output);
-        assert!(all.contains(name), "eit {line}: {all}");
+        assert!(all_said(&output).contains(name), "eit {line}: {}", all_said(&output));
     }
 }
 
@@ -238,10 +229,7 @@ fn a_second_recorder_is_refused() {
     let [one, two] = [first.endpoint(), second.endpoint()];
     let line = format!("record {scene} --port {one} --out {out} --seconds 4");
     let mut running = command(line).stdout(std::process::Stdio::null()).spawn().unwrap();
-    while !exists(&out) {
-        assert!(running.try_wait().unwrap().is_none());
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait_until(|| exists(&out));
     let refused = eit(format!("record {scene} --port {two} --out {out} --seconds 1 --append"));
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));

@@ -21,8 +21,7 @@ fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     found
 }
 
-/// Files with tests as `folder::file` and their tests as `folder::file::test`, each also by the ends of its path; a
-/// test's own name is not enough.
+/// Files with tests as `folder::file` and tests as `folder::file::test`, each also by the ends of its path.
 fn tests() -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for folder in ["crates", "benches"] {

@@ -1,61 +1,51 @@
 //! The U-net as a module of burn against the one that runs on frames, and their common file.
 #![cfg(feature = "burn")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use crate::common;
-use crate::common::{disc, names, touched, weights};
+use crate::common::{CASES, disc, names, touched, weights};
 use eit_denoise::burn::module::Module as _;
 use eit_denoise::burn::store::{ModuleSnapshot as _, SafetensorsStore};
-use eit_denoise::{
-    DenoiseError, Denoiser, ImageStack, TrainDevice, Unet, UnetShape, Weights, images_through,
-};
+use eit_denoise::burn::tensor::Device;
+use eit_denoise::{Denoiser, ImageStack, TrainDevice, Unet, UnetShape, Weights, images_through};
 use std::collections::BTreeMap;
 
-/// Sizes that halving divides, and sizes that it does not.
-const CASES: [(UnetShape, [usize; 2]); 4] = [
-    (UnetShape { history: 1, width: 6, depth: 3, ..UnetShape::ONE_IMAGE }, [64, 64]),
-    (UnetShape { history: 3, width: 4, depth: 2, ..UnetShape::ONE_IMAGE }, [20, 33]),
-    (UnetShape { history: 2, width: 5, depth: 1, ..UnetShape::ONE_IMAGE }, [17, 9]),
-    (UnetShape { history: 1, width: 3, depth: 4, ..UnetShape::ONE_IMAGE }, [32, 48]),
-];
-
-/// Largest difference of the images of both, as a part of the largest value.
-fn difference(weights: &Weights, size: [usize; 2]) -> f64 {
-    let mask = disc(size[0], size[1]);
-    let mut images = touched(5, &mask);
-    // the frame in between is an untouched skin
-    images.index_axis_mut(ndarray::Axis(0), 2).zip_mut_with(&mask, |v, inside| {
-        *v = if *inside { 0.0 } else { f64::NAN };
-    });
-    let raw = ImageStack::new(images, mask.clone()).unwrap();
-    let wanted = Denoiser::new(weights, mask.view()).unwrap().denoise(&raw).unwrap();
-    let net = Unet::from_weights(weights, &TrainDevice::Flex.open().unwrap()).unwrap();
-    let made = images_through(&net, &raw).unwrap();
-    assert!(made.max_abs() > 0.0);
-    let both = made.values().into_iter().zip(wanted.values());
-    let inside = both.filter(|(a, _)| a.is_finite());
-    inside.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs()
+fn flex() -> Device {
+    TrainDevice::Flex.open().unwrap()
 }
 
-/// Rounding of `f32`, added up in another order through eleven layers: as for the definition
-/// (`unet.rs`).
+/// Images as a burn net makes them, against the denoiser's: the largest difference as a part of the largest value is the
+/// rounding of `f32`, added up in another order through eleven layers, as for the definition (`unet.rs`).
+fn are_alike(made: &ImageStack, wanted: &ImageStack, case: &str) {
+    assert!(made.max_abs() > 0.0, "{case}");
+    let both = made.values().into_iter().zip(wanted.values()).filter(|(a, _)| a.is_finite());
+    let off = both.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs();
+    assert!(off < 1e-5, "{case}: {off}");
+}
+
 #[test]
 fn makes_the_images_of_the_denoiser() {
-    for (shape, size) in CASES {
-        let off = difference(&weights(shape, size), size);
-        assert!(off < 1e-5, "{shape:?}: {off}");
-    }
     let shipped = Weights::paper_disc().unwrap();
-    assert!(difference(&shipped, shipped.pixels) < 1e-5);
+    let cases = CASES.map(|(shape, size)| weights(shape, size)).into_iter();
+    for weights in cases.chain([shipped.clone()]) {
+        let mask = disc(weights.pixels[0], weights.pixels[1]);
+        let mut images = touched(5, &mask);
+        // the frame in between is an untouched skin
+        images.index_axis_mut(ndarray::Axis(0), 2).zip_mut_with(&mask, |v, inside| {
+            *v = if *inside { 0.0 } else { f64::NAN };
+        });
+        let raw = ImageStack::new(images, mask.clone()).unwrap();
+        let wanted = Denoiser::new(&weights, mask.view()).unwrap().denoise(&raw).unwrap();
+        let net = Unet::from_weights(&weights, &flex()).unwrap();
+        are_alike(&images_through(&net, &raw).unwrap(), &wanted, &format!("{:?}", weights.shape));
+    }
     // and the comparison tells nets apart
     let mut other = shipped.clone();
     other.parameters[0] += 0.1;
     let mask = disc(64, 64);
     let raw = ImageStack::new(touched(2, &mask), mask.clone()).unwrap();
-    let of = |weights: &Weights| {
-        Denoiser::new(weights, mask.view()).unwrap().denoise(&raw).unwrap().max_abs()
-    };
-    assert!((of(&other) / of(&shipped) - 1.0).abs() > 1e-4);
+    let [a, b] = [&other, &shipped]
+        .map(|w| Denoiser::new(w, mask.view()).unwrap().denoise(&raw).unwrap().max_abs());
+    assert!((a / b - 1.0).abs() > 1e-4);
 }
 
 /// Nets of several images and conditions, folded and not, on sizes that folding does not divide.
@@ -73,13 +63,10 @@ fn makes_the_images_of_the_denoiser_from_several_inputs() {
         let (first, images) =
             if pixels == 32 { (Some(other), vec![]) } else { (None, vec![other]) };
         shard.beside = Beside { first, images, conditions: Some(conditions) };
-        let mut net = Denoiser::new(&weights, shard.mask.view()).unwrap();
-        let wanted = shard.denoise(&mut net).unwrap();
-        let net = Unet::from_weights(&weights, &TrainDevice::Flex.open().unwrap()).unwrap();
+        let wanted = shard.denoise(&mut Denoiser::new(&weights, shard.mask.view()).unwrap());
+        let net = Unet::from_weights(&weights, &flex()).unwrap();
         let made = shard_through(&net, &shard).unwrap();
-        let both = made.values().into_iter().zip(wanted.values()).filter(|(a, _)| a.is_finite());
-        let off = both.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs();
-        assert!(off < 1e-5, "fold {fold}, {pixels} pixels: {off}");
+        are_alike(&made, &wanted.unwrap(), &format!("fold {fold}, {pixels} pixels"));
         let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone()).unwrap();
         assert!(images_through(&net, &raw).is_err(), "one image where the net wants two");
     }
@@ -89,7 +76,7 @@ fn makes_the_images_of_the_denoiser_from_several_inputs() {
 /// net's and stays behind.
 #[test]
 fn both_read_and_write_one_file() {
-    let device = TrainDevice::Flex.open().unwrap();
+    let device = flex();
     let shipped = Weights::paper_disc().unwrap();
     let net = Unet::from_bytes(&shipped.to_bytes().unwrap(), &device).unwrap();
     assert_eq!(net.shape(), shipped.shape);
@@ -124,18 +111,16 @@ fn both_read_and_write_one_file() {
 
 #[test]
 fn bad_files_and_sizes_are_refused() {
-    let device = TrainDevice::Flex.open().unwrap();
+    let device = flex();
     let good =
         weights(UnetShape { history: 1, width: 2, depth: 1, ..UnetShape::ONE_IMAGE }, [16, 16]);
     let bytes = good.to_bytes().unwrap();
     for end in [0, 8, 100, bytes.len() / 2, bytes.len() - 1] {
-        let error = Unet::from_bytes(&bytes[..end], &device).unwrap_err();
-        assert!(matches!(error, DenoiseError::Format { .. }), "{end}: {error}");
+        refused!(Unet::from_bytes(&bytes[..end], &device), Format { .. });
     }
     let mut lost = good.clone();
     lost.parameters[3] = f32::NAN;
-    let error = Unet::from_weights(&lost, &device).unwrap_err();
-    assert!(matches!(error, DenoiseError::NonFiniteWeight { index: 3, .. }));
+    refused!(Unet::from_weights(&lost, &device), NonFiniteWeight { index: 3, .. });
     let net = Unet::from_weights(&good, &device).unwrap();
     let about = BTreeMap::from([("width".to_owned(), "3".to_owned())]);
     let error = net.to_bytes("s", [16, 16], &about).unwrap_err().to_string();
@@ -153,9 +138,8 @@ fn bad_files_and_sizes_are_refused() {
 /// The seed alone determines the first weights.
 #[test]
 fn the_same_seed_gives_the_same_net() {
-    let device = TrainDevice::Flex.open().unwrap();
     let of = |seed| {
-        let net = Unet::new(CASES[2].0, seed, &device).unwrap();
+        let net = Unet::new(CASES[2].0, seed, &flex()).unwrap();
         net.to_weights("", [1, 1], &BTreeMap::new()).unwrap()
     };
     assert_eq!(of(5), of(5));

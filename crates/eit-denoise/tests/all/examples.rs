@@ -1,5 +1,4 @@
 //! The example runs, and shows what it promises.
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../../examples/image_stack.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]

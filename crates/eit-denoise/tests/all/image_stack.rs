@@ -1,78 +1,66 @@
 //! What a stack accepts, refuses, and gives back.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use eit_denoise::{DenoiseError, ImageStack};
 use ndarray::{Array2, Array3, array};
 use proptest::prelude::*;
 
-fn says(result: Result<ImageStack, DenoiseError>, wanted: &str) {
-    let message = result.unwrap_err().to_string();
-    assert_eq!(message, wanted);
-    assert_eq!(message.lines().count(), 1);
-}
-
+/// Sizes and places are named, in one line.
 #[test]
 fn refusals_name_sizes_and_places() {
-    let ones = |shape| Array3::<f64>::ones(shape);
-    says(
-        ImageStack::new(ones((4, 3, 2)), Array2::from_elem((2, 3), true)),
-        "the images have 3 rows and 2 columns, but the mask has 2 and 3: draw both on one raster",
-    );
-    says(
-        ImageStack::new(ones((4, 3, 2)), Array2::from_elem((3, 2), false)),
-        "the mask of 3 rows and 2 columns has no pixel inside the skin: use more pixels",
-    );
-    says(
-        ImageStack::new(ones((0, 0, 0)), Array2::from_elem((0, 0), true)),
-        "the mask of 0 rows and 0 columns has no pixel inside the skin: use more pixels",
-    );
-    for (value, text) in [(f64::NAN, "NaN"), (f64::NEG_INFINITY, "-inf")] {
-        let mut images = ones((4, 3, 2));
+    let ones = |frames| Array3::<f64>::ones((frames, 3, 2));
+    let mask = |rows, columns, value| Array2::from_elem((rows, columns), value);
+    let holding = |value| {
+        let mut images = ones(4);
         images[[2, 1, 0]] = value;
-        says(
-            ImageStack::new(images, Array2::from_elem((3, 2), true)),
-            &format!(
-                "frame 2 holds {text} at row 1, column 0, inside the skin: leave the frame out or \
-                 mend the reconstruction"
-            ),
-        );
+        images
+    };
+    for (images, mask, wanted) in [
+        (
+            ones(4),
+            mask(2, 3, true),
+            "the images have 3 rows and 2 columns, but the mask has 2 and 3: draw both on one raster",
+        ),
+        (
+            ones(4),
+            mask(3, 2, false),
+            "the mask of 3 rows and 2 columns has no pixel inside the skin: use more pixels",
+        ),
+        (
+            Array3::ones((0, 0, 0)),
+            mask(0, 0, true),
+            "the mask of 0 rows and 0 columns has no pixel inside the skin: use more pixels",
+        ),
+        (holding(f64::NAN), mask(3, 2, true), NAN),
+        (holding(f64::NEG_INFINITY), mask(3, 2, true), &NAN.replace("NaN", "-inf")),
+    ] {
+        assert_eq!(ImageStack::new(images, mask).unwrap_err().to_string(), wanted);
     }
-    let stack = ImageStack::new(ones((4, 3, 2)), Array2::from_elem((3, 2), true)).unwrap();
+    let stack = ImageStack::new(ones(4), mask(3, 2, true)).unwrap();
     let error = stack.frame(4).unwrap_err();
     assert_eq!(error, DenoiseError::UnknownFrame { frame: 4, frames: 4 });
     assert_eq!(error.to_string(), "frame 4 does not exist: the stack has 4 frames, counted from 0");
-}
-
-#[test]
-fn a_stack_without_frames_is_a_stack() {
+    // a stack without frames is a stack
     let stack = ImageStack::new(Array3::zeros((0, 1, 2)), array![[true, false]]).unwrap();
     assert_eq!((stack.frames(), stack.rows(), stack.columns()), (0, 1, 2));
-    assert_eq!(stack.max_abs(), 0.0);
-    assert_eq!(stack.iter().len(), 0);
+    assert_eq!((stack.max_abs(), stack.iter().len()), (0.0, 0));
+    // stacks go between threads
+    fn shared<T: Send + Sync>(_: &T) {}
+    shared(&stack);
+    shared(&error);
 }
 
-#[test]
-fn stacks_go_between_threads() {
-    fn shared<T: Send + Sync>() {}
-    shared::<ImageStack>();
-    shared::<DenoiseError>();
-}
+const NAN: &str = "frame 2 holds NaN at row 1, column 0, inside the skin: leave the frame out or \
+                   mend the reconstruction";
 
 /// Images of any size with any mask; NaN and infinities among the values.
 fn parts() -> impl Strategy<Value = (Array3<f64>, Array2<bool>)> {
     (0..4usize, 1..6usize, 1..6usize).prop_flat_map(|(frames, rows, columns)| {
-        let value = prop_oneof![
-            30 => -1e3..1e3,
-            1 => Just(f64::NAN),
-            1 => Just(f64::INFINITY),
-        ];
+        let value = prop_oneof![30 => -1e3..1e3, 1 => Just(f64::NAN), 1 => Just(f64::INFINITY)];
         let values = proptest::collection::vec(value, frames * rows * columns);
         let mask = proptest::collection::vec(any::<bool>(), rows * columns);
         (values, mask).prop_map(move |(values, mask)| {
-            (
-                Array3::from_shape_vec((frames, rows, columns), values).unwrap(),
-                Array2::from_shape_vec((rows, columns), mask).unwrap(),
-            )
+            let values = Array3::from_shape_vec((frames, rows, columns), values).unwrap();
+            (values, Array2::from_shape_vec((rows, columns), mask).unwrap())
         })
     })
 }

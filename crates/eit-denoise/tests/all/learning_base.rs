@@ -1,14 +1,11 @@
 //! Learning bases that are killed, damaged, of other settings; and what becomes an example.
 #![cfg(feature = "base")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
-use crate::common;
-use crate::common::{direct, disc, shard, weights};
+use crate::common::{disc, shard};
 use eit_denoise::{
-    BaseSettings, DenoiseError, Examples, ImageStack, LearningBase, Part, Shard, TrainDevice,
-    TrainSettings, UnetShape,
+    BaseSettings, Examples, ImageStack, LearningBase, Part, Shard, TrainDevice, TrainSettings,
 };
-use ndarray::{Array2, Array3};
+use ndarray::Array3;
 use std::path::Path;
 
 fn base_settings() -> BaseSettings {
@@ -16,11 +13,15 @@ fn base_settings() -> BaseSettings {
     BaseSettings { skin, pixels: [16, 16], seed: 3, shards: 3, recipe }
 }
 
-fn filled(folder: &Path) -> LearningBase {
-    let mut base = LearningBase::create(folder, &base_settings()).unwrap();
+fn fill(base: &mut LearningBase) {
     for index in base.missing() {
         base.write(index, &shard(2 + index, 16)).unwrap();
     }
+}
+
+fn filled(folder: &Path) -> LearningBase {
+    let mut base = LearningBase::create(folder, &base_settings()).unwrap();
+    fill(&mut base);
     base
 }
 
@@ -87,11 +88,6 @@ fn a_base_goes_on_where_it_was_killed() {
 fn parts_merge_into_the_base_of_one_process() {
     let whole = tempfile::tempdir().unwrap();
     let wanted = filled(whole.path());
-    let fill = |base: &mut LearningBase| {
-        for index in base.missing() {
-            base.write(index, &shard(2 + index, 16)).unwrap();
-        }
-    };
     let folder = tempfile::tempdir().unwrap();
     let part = |text: &str| text.parse::<Part>().unwrap();
     let create = |folder: &Path, text: &str| {
@@ -140,7 +136,7 @@ fn a_base_refuses_other_settings_and_empty_pairs() {
     let none = BaseSettings { shards: 0, ..base_settings() };
     assert!(LearningBase::create(folder.path(), &none).is_err());
     assert!(base.write(3, &shard(2, 16)).is_err());
-    assert!(matches!(base.write(0, &shard(2, 20)), Err(DenoiseError::ShapeMismatch { .. })));
+    refused!(base.write(0, &shard(2, 20)), ShapeMismatch { .. });
     std::fs::write(folder.path().join("manifest.json"), b"{ \"version\": 1").unwrap();
     let message = LearningBase::open(folder.path()).unwrap_err().to_string();
     assert!(message.contains("manifest.json: damaged"), "{message}");
@@ -149,9 +145,9 @@ fn a_base_refuses_other_settings_and_empty_pairs() {
     let stack = |frames: usize, value: f64| {
         ImageStack::new(Array3::from_elem((frames, 16, 16), value), disc(16, 16)).unwrap()
     };
-    let refused = |raw: &ImageStack, wanted: &ImageStack| Shard::new(raw, wanted).unwrap_err();
-    assert!(matches!(refused(&stack(2, 0.0), &stack(2, 1.0)), DenoiseError::NothingToLearn { .. }));
-    assert!(matches!(refused(&stack(2, 1.0), &stack(3, 1.0)), DenoiseError::WrongLength { .. }));
+    refused!(Shard::new(&stack(2, 0.0), &stack(2, 1.0)), NothingToLearn { .. });
+    refused!(Shard::new(&stack(2, 1.0), &stack(3, 1.0)), WrongLength { .. });
+    refused!(Examples::new(&[], 1), NothingToLearn { .. });
 }
 
 /// The touches of a sequence come back from its file; those of another number of frames are damage.
@@ -175,43 +171,20 @@ fn touches_are_kept() {
     assert!(refused.contains("images and touches of different sizes"), "{refused}");
 }
 
-/// Frames in which nothing touches are no examples.
-#[test]
-fn quiet_frames_are_passed_over() {
-    let touched = shard(6, 16);
-    let alone = Examples::new(std::slice::from_ref(&touched), 1).unwrap();
-    let mut quiet = touched.clone();
-    for images in [&mut quiet.raw, &mut quiet.wanted] {
-        images.mapv_inplace(|v| 1e-3 * v);
-    }
-    let both = Examples::new(&[touched, quiet], 1).unwrap();
-    assert_eq!((alone.len(), both.len()), (6, 6));
-    assert!(matches!(Examples::new(&[], 1), Err(DenoiseError::NothingToLearn { .. })));
-}
-
 #[test]
 fn settings_and_devices_that_cannot_be_are_refused() {
-    let refused = |settings: TrainSettings, text: &str| {
+    for (settings, wanted) in [
+        (TrainSettings { rate: f64::NAN, ..Default::default() }, "rate is NaN"),
+        (TrainSettings { batch: 0, ..Default::default() }, "batch is 0"),
+        (TrainSettings { epochs: 0, ..Default::default() }, "epochs is 0"),
+    ] {
         let message = settings.validate().unwrap_err().to_string();
-        assert!(message.contains(text), "{message}");
-    };
-    refused(TrainSettings { rate: f64::NAN, ..Default::default() }, "rate is NaN");
-    refused(TrainSettings { batch: 0, ..Default::default() }, "batch is 0");
-    refused(TrainSettings { epochs: 0, ..Default::default() }, "epochs is 0");
+        assert!(message.contains(wanted), "{message}");
+    }
     for device in TrainDevice::ALL {
         assert_eq!(device.to_string().parse::<TrainDevice>().unwrap(), device);
     }
     let message = "torch".parse::<TrainDevice>().unwrap_err().to_string();
     let wanted = "no device is called \"torch\": there are flex (the processor), cuda and wgpu";
     assert_eq!(message, wanted);
-}
-
-/// `direct` for weights in files, so that both forms of the definition are one.
-#[test]
-fn the_definition_takes_both_kinds_of_weights() {
-    let shape = UnetShape { history: 1, width: 1, depth: 1, ..UnetShape::ONE_IMAGE };
-    let net = weights(shape, [4, 4]);
-    let planes = vec![Array2::eye(4), Array2::ones((4, 4))];
-    let exact: Vec<f64> = net.parameters.iter().map(|p| f64::from(*p)).collect();
-    assert_eq!(direct(&net, planes.clone()), common::direct_f64(shape, &exact, planes));
 }

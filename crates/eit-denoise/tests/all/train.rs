@@ -1,6 +1,5 @@
 //! Training by burn: its derivative against the definition, learning, and resuming to the same bits.
 #![cfg(feature = "train")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use crate::common::{convolutions, direct_f64, names, shard, weights};
 use eit_denoise::burn::module::{Module as _, ModuleVisitor, Param};
@@ -121,28 +120,30 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         assert!((error - error_of(&exact)).abs() < 1e-5 * error, "{shape:?}");
         let mut random = Random::new(3);
         let mut from = 0;
-        for c in convolutions(shape) {
-            let kernel = c[0] * c[1] * c[2] * c[2];
-            for count in [kernel, c[0]] {
-                let direction: Vec<f64> = (0..count).map(|_| random.between(-1.0, 1.0)).collect();
-                let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
-                let moved = |step: f64| {
-                    let mut parameters = exact.clone();
-                    for (p, d) in parameters[from..].iter_mut().zip(&direction) {
-                        *p += step * d / norm;
-                    }
-                    error_of(&parameters)
-                };
-                let wanted = (moved(1e-6) - moved(-1e-6)) / 2e-6;
-                let own = &gradient[from..from + count];
-                let slope = own.iter().zip(&direction).map(|(g, d)| f64::from(*g) * d / norm);
-                let slope: f64 = slope.sum();
-                // relative to the length of the derivative: a direction may lie across it
-                let size = own.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
-                assert!(size > 0.0, "{shape:?} {c:?}");
-                assert!((slope - wanted).abs() < 1e-4 * size, "{shape:?} {c:?}: {slope} {wanted}");
-                from += count;
-            }
+        // kernel and biases of each
+        let counts =
+            convolutions(shape).into_iter().flat_map(|c| [c[0] * c[1] * c[2] * c[2], c[0]]);
+        for count in counts {
+            let direction: Vec<f64> = (0..count).map(|_| random.between(-1.0, 1.0)).collect();
+            let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+            let moved = |step: f64| {
+                let mut parameters = exact.clone();
+                let pairs = parameters[from..].iter_mut().zip(&direction);
+                pairs.for_each(|(p, d)| *p += step * d / norm);
+                error_of(&parameters)
+            };
+            let wanted = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            let own: Vec<f64> =
+                gradient[from..from + count].iter().map(|g| f64::from(*g)).collect();
+            let slope = own.iter().zip(&direction).map(|(g, d)| g * d / norm).sum::<f64>();
+            // relative to the length of the derivative: a direction may lie across it
+            let size = own.iter().map(|g| g * g).sum::<f64>().sqrt();
+            assert!(size > 0.0, "{shape:?} from {from}");
+            assert!(
+                (slope - wanted).abs() < 1e-4 * size,
+                "{shape:?} from {from}: {slope} {wanted}"
+            );
+            from += count;
         }
         assert_eq!(from, exact.len());
     }
@@ -163,6 +164,13 @@ fn trainer(shape: UnetShape, settings: &TrainSettings) -> Trainer<Unet> {
     Trainer::new(net(shape), settings, "base").unwrap()
 }
 
+/// Trains to the end.
+fn finish(trainer: &mut Trainer<Unet>, train: &Examples, held_out: &Examples, threads: usize) {
+    while trainer.status() == TrainStatus::Running {
+        trainer.epoch(train, held_out, threads, &mut go_on).unwrap();
+    }
+}
+
 fn go_on(_: usize, _: usize) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
@@ -176,29 +184,23 @@ fn training_lowers_the_error_of_the_net_that_runs() {
     let settings = TrainSettings { epochs: 150, rate: 5e-3, ..settings() };
     let examples = Examples::new(std::slice::from_ref(&shard), 2).unwrap();
     let mut trainer = trainer(shape, &settings);
-    while trainer.status() == TrainStatus::Running {
-        trainer.epoch(&examples, &examples, 1, &mut go_on).unwrap();
-    }
+    finish(&mut trainer, &examples, &examples, 1);
     assert_eq!(trainer.status(), TrainStatus::Done);
     let weights = trainer.weights("skin", [16, 16], &BTreeMap::new()).unwrap();
-    let outside_nan =
-        |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone()).unwrap();
-    let raw = outside_nan(&shard.raw);
+    let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone()).unwrap();
     let made = Denoiser::new(&weights, shard.mask.view()).unwrap().denoise(&raw).unwrap();
-    let mut errors = Vec::new();
-    for f in 0..12 {
-        let mut inside = 0.0;
-        let (mut net_sum, mut raw_sum, mut empty_sum) = (0.0, 0.0, 0.0);
-        for (place, _) in shard.mask.indexed_iter().filter(|(_, m)| **m) {
-            let at = [f, place.0, place.1];
-            let wanted = f64::from(shard.wanted[at]);
-            net_sum += (made.values()[at] - wanted).powi(2);
-            raw_sum += (raw.values()[at] - wanted).powi(2);
-            empty_sum += wanted.powi(2);
-            inside += 1.0;
-        }
-        errors.push([net_sum, raw_sum, raw_sum.min(empty_sum)].map(|sum| sum / inside));
-    }
+    let square = |f: usize, value: &dyn Fn([usize; 3]) -> f64| {
+        let inside = shard.mask.indexed_iter().filter(|(_, m)| **m);
+        let errors =
+            inside.map(|((r, c), _)| value([f, r, c]) - f64::from(shard.wanted[[f, r, c]]));
+        let errors: Vec<f64> = errors.collect();
+        errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64
+    };
+    let of = |f: usize| {
+        let of_raw = square(f, &|at| raw.values()[at]);
+        [square(f, &|at| made.values()[at]), of_raw, of_raw.min(square(f, &|_| 0.0))]
+    };
+    let errors: Vec<[f64; 3]> = (0..12).map(of).collect();
     let mean = errors.iter().map(|e| e[2]).sum::<f64>() / 12.0;
     let part = |k: usize| errors.iter().map(|e| e[k] / (e[2] + 0.05 * mean)).sum::<f64>() / 12.0;
     let (of_net, of_raw) = (part(0), part(1));
@@ -223,9 +225,9 @@ fn quiet_frames_count_for_little() {
     let join = |a: &Array3<f32>, b: &Array3<f32>| concatenate![Axis(0), a.view(), b.view()];
     let (raw, wanted) = (join(&touched.raw, &quiet.raw), join(&touched.wanted, &quiet.wanted));
     let both = Examples::new(&[Shard { raw, wanted, ..touched }], 1).unwrap();
-    assert_eq!(both.len(), 6);
     let net = net(UnetShape { history: 1, ..SHAPE });
     let error = |examples: &Examples| {
+        assert_eq!(examples.len(), 6);
         let errors = weighted_errors(&net, examples, &[0, 1, 2, 3, 4, 5]).unwrap();
         errors.sum().into_data().try_into_vec::<f32>().unwrap()[0]
     };
@@ -236,11 +238,11 @@ fn quiet_frames_count_for_little() {
 }
 
 /// Learning from turned examples is learning from other ones: the curve differs, and a net that saw
-/// only one side of the skin is better on the other: measured 0.003 against 0.2 of the raw images' error.
+/// only one side of the skin is better on the other: measured 0.007 against 0.66 of the raw images' error.
 #[test]
 fn turned_examples_teach_the_other_sides_of_the_skin() {
     let shape = UnetShape { history: 1, width: 6, depth: 2, ..UnetShape::ONE_IMAGE };
-    let settings = TrainSettings { epochs: 150, rate: 5e-3, ..settings() };
+    let settings = TrainSettings { epochs: 60, rate: 5e-3, ..settings() };
     let half = RasterSymmetry::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
     let seen = shard(12, 16);
     let mut other = seen.clone();
@@ -253,12 +255,11 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
         let train =
             Examples::new(std::slice::from_ref(&seen), 1).unwrap().augmented(turns).unwrap();
         let mut trainer = trainer(shape, &settings);
-        while trainer.status() == TrainStatus::Running {
-            trainer.epoch(&train, &unseen, 2, &mut go_on).unwrap();
-        }
+        finish(&mut trainer, &train, &unseen, 2);
         trainer.curve().last().unwrap().held_out_error
     };
     let (plain, turned) = (error(&[]), error(&[RasterSymmetry::default(), half]));
+    println!("{turned:.4} with turned examples, {plain:.4} without");
     assert!(turned < 0.2 * plain, "{turned} {plain}");
 }
 
@@ -275,9 +276,7 @@ fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     let settings = TrainSettings { batch: 10, ..settings() };
     let new = || trainer(SHAPE, &settings);
     let finish = |mut trainer: Trainer<Unet>, threads: usize| {
-        while trainer.status() == TrainStatus::Running {
-            trainer.epoch(&train, &held_out, threads, &mut go_on).unwrap();
-        }
+        self::finish(&mut trainer, &train, &held_out, threads);
         let bits = trainer.weights("s", [16, 16], &BTreeMap::new()).unwrap().parameters;
         (bits.iter().map(|w| w.to_bits()).collect::<Vec<_>>(), trainer.curve().to_vec())
     };
@@ -313,16 +312,15 @@ fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     says(other(), &slower, "base", "the training is");
     let wide = net(UnetShape { width: 3, ..SHAPE });
     says(wide, &settings, "base", "width 2, depth 1, images 1, conditions 0, fold 1 there");
-    let bytes = std::fs::read(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
     for end in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..end]).unwrap();
         says(other(), &settings, "base", "damaged");
     }
     // a bit of a record
-    let mut changed = bytes.clone();
-    let last = changed.len() - 40;
-    changed[last] ^= 1;
-    std::fs::write(&path, &changed).unwrap();
+    let last = bytes.len() - 40;
+    bytes[last] ^= 1;
+    std::fs::write(&path, &bytes).unwrap();
     says(other(), &settings, "base", "checksum");
 }
 
@@ -332,32 +330,32 @@ fn training_stops_early_and_refuses_what_cannot_be() {
     // a rate too small to change anything: never better than the first epoch
     let still = TrainSettings { rate: 1e-30, patience: 2, ..settings() };
     let mut stopped = trainer(SHAPE, &still);
-    while stopped.status() == TrainStatus::Running {
-        stopped.epoch(&examples, &examples, 1, &mut go_on).unwrap();
-    }
+    finish(&mut stopped, &examples, &examples, 1);
     assert_eq!((stopped.status(), stopped.curve().len()), (TrainStatus::Stopped, 3));
 
+    let says = |error: DenoiseError, wanted: &str| {
+        let said = error.to_string();
+        assert!(said.contains(wanted), "{said}");
+    };
     let none = TrainSettings { batch: 0, ..settings() };
-    let message = Trainer::new(net(SHAPE), &none, "base").unwrap_err().to_string();
-    assert!(message.contains("batch is 0"), "{message}");
-    let device = TrainDevice::Flex.open().unwrap();
+    says(Trainer::new(net(SHAPE), &none, "base").err().unwrap(), "batch is 0");
     let empty = UnetShape { width: 0, ..SHAPE };
-    let message = Unet::new(empty, 1, &device).unwrap_err().to_string();
-    assert!(message.contains("width is 0"), "{message}");
+    let device = TrainDevice::Flex.open().unwrap();
+    says(Unet::new(empty, 1, &device).unwrap_err(), "width is 0");
     let mut trainer = trainer(SHAPE, &settings());
     let single = Examples::new(&[shard(4, 16)], 1).unwrap();
     let error = trainer.epoch(&single, &single, 1, &mut go_on).unwrap_err();
     assert_eq!(error, DenoiseError::WrongLength { what: "frames an example", found: 1, wanted: 2 });
     assert!(trainer.epoch(&examples, &examples, 0, &mut go_on).is_err());
-    let error = weighted_errors(&net(SHAPE), &examples, &[1, 4]).unwrap_err().to_string();
-    assert!(error.contains("the index of an example is 4"), "{error}");
+    let error = weighted_errors(&net(SHAPE), &examples, &[1, 4]).unwrap_err();
+    says(error, "the index of an example is 4");
     assert!(weighted_errors(&net(SHAPE), &examples, &[]).is_err());
     // without automatic differentiation nothing is derived
     let mut plain = Trainer::new(net(SHAPE).valid(), &settings(), "base").unwrap();
-    let error = plain.epoch(&examples, &examples, 1, &mut go_on).unwrap_err().to_string();
-    assert!(error.contains("without automatic differentiation"), "{error}");
+    let error = plain.epoch(&examples, &examples, 1, &mut go_on).unwrap_err();
+    says(error, "without automatic differentiation");
     let lost = TrainSettings { rate: 1e300, ..settings() };
-    let mut lost = Trainer::new(net(SHAPE), &lost, "base").unwrap();
+    let mut lost = self::trainer(SHAPE, &lost);
     assert!(lost.epoch(&examples, &examples, 1, &mut go_on).is_err());
 }
 

@@ -1,26 +1,23 @@
 //! After the first solve with a workspace, solves do not allocate, with elements of either order.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{noise, round_disc};
+use crate::common::{BOTH, adjacent, model_of, random_conductivity, round_disc};
 use allocation_counter::measure;
-use eit_fem::{ElementOrder, ForwardModel, PairProtocol};
 use ndarray::Array2;
 use std::hint::black_box;
 
 #[test]
 fn solves_on_moved_nodes_allocate_nothing() {
     let mesh = round_disc(8);
-    let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
-    for elements in [ElementOrder::Linear, ElementOrder::Quadratic] {
-        let model =
-            ForwardModel::with_element_order(&mesh, &protocol, &[0.05; 12], elements).unwrap();
+    let protocol = adjacent(12);
+    for elements in BOTH {
+        let model = model_of(&mesh, &protocol, &[0.05; 12], elements);
         let mut workspace = model.workspace().unwrap();
         let mut geometry = model.geometry();
         let mut nodes = mesh.surface().nodes().to_vec();
         let mut voltages = vec![0.0; protocol.measurements()];
         let mut jacobian = Array2::zeros((protocol.measurements(), model.elements()));
         let mut frame = |seed: u64| {
-            let sigma: Vec<f64> = noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect();
+            let sigma = random_conductivity(&model, seed);
             nodes.iter_mut().for_each(|p| p[0] *= 1.001);
             measure(|| {
                 model.deform(&nodes, &[0.06; 12], &mut geometry).unwrap();

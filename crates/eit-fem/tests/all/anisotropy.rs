@@ -1,19 +1,14 @@
 //! Sheets that conduct better along than across: the affine map onto a scalar sheet, unrolled curved
-//! sheets, Taylor remainders, both solve paths, convergence.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests"
-)]
+//! sheets, Taylor remainders, both solve paths. Convergence is in `quadratic.rs`.
 
-use crate::common::{adjacent, largest, noise, random_conductivity, ring_disc};
-use eit_fem::{Anisotropy, ElementOrder, FemError, ForwardModel, PairProtocol, Protocol};
-use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface, generate};
-use ndarray::{Array1, ArrayView1};
-
-const ORDERS: [ElementOrder; 2] = [ElementOrder::Linear, ElementOrder::Quadratic];
+use crate::common::{
+    BOTH, adjacent, assert_reciprocal, assert_slope_two, model_of, moved, random_conductivity,
+    relative, ring_disc, strip, uneven, with_electrodes,
+};
+use eit_core::vector::{dot, normal, unit};
+use eit_fem::{Anisotropy, ElementOrder, FemError, ForwardModel, Protocol};
+use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
+use ndarray::ArrayView1;
 
 /// A disc with patches in place of rim electrodes: the map that makes its sheet scalar preserves areas,
 /// and so the contacts of patches, but not the lengths of rim electrodes.
@@ -21,18 +16,11 @@ fn patches() -> Mesh {
     let disc = ring_disc(8);
     let count = disc.surface().triangles().len() as u32;
     let patch = |k: u32| Electrode::Patch(vec![count - 1 - 14 * k, count - 2 - 14 * k]);
-    Mesh::new(disc.surface().clone(), (0..8).map(patch).collect()).unwrap()
-}
-
-fn moved(mesh: &Mesh, to: impl Fn([f64; 3]) -> [f64; 3]) -> Mesh {
-    let nodes = mesh.surface().nodes().iter().map(|p| to(*p)).collect();
-    let surface = Surface::new(nodes, mesh.surface().triangles().to_vec()).unwrap();
-    Mesh::new(surface, mesh.electrodes().to_vec()).unwrap()
+    with_electrodes(&disc, |list| *list = (0..8).map(patch).collect())
 }
 
 fn model(mesh: &Mesh, impedance: &[f64], order: ElementOrder) -> ForwardModel {
-    let protocol = adjacent(impedance.len());
-    ForwardModel::with_element_order(mesh, &protocol, impedance, order).unwrap()
+    model_of(mesh, &adjacent(impedance.len()), impedance, order)
 }
 
 fn knit(
@@ -52,7 +40,7 @@ fn knit(
 #[test]
 fn an_ellipse_of_a_scalar_sheet_gives_the_same() {
     let mesh = patches();
-    let impedance: Vec<f64> = noise(7, 8).iter().map(|x| 0.05 + x).collect();
+    let impedance = uneven(7, 8, 0.05);
     for (ratio, angle) in [(1.3, 0.4), (2.5, 1.9), (0.1, -0.7), (30.0, 0.0)] {
         let (sin, cos) = f64::sin_cos(angle);
         let across = f64::powf(ratio, 0.25);
@@ -60,26 +48,27 @@ fn an_ellipse_of_a_scalar_sheet_gives_the_same() {
             let (u, v) = ((cos * x + sin * y) / across, (cos * y - sin * x) * across);
             [cos * u - sin * v, sin * u + cos * v, 0.0]
         });
-        for order in ORDERS {
+        for order in BOTH {
             let (of_knit, plain) =
                 (knit(&mesh, &impedance, order, ratio, angle), model(&ellipse, &impedance, order));
             let sigma = random_conductivity(&plain, 2);
-            let near = |a: &Array1<f64>, b: &Array1<f64>| {
-                let error = largest(&(a - b)) / largest(b);
+            let near = |error: f64| {
                 // rounding times a condition number of some 1e4, and the ratio
                 assert!(error < 1e-11, "{ratio} {angle} {order:?}: {error:e}");
             };
-            near(&of_knit.forward(&sigma).unwrap(), &plain.forward(&sigma).unwrap());
-            let flat = |model: &ForwardModel| model.jacobian(&sigma).unwrap().flatten().to_owned();
-            near(&flat(&of_knit), &flat(&plain));
+            let voltages = |model: &ForwardModel| model.forward(&sigma).unwrap();
+            near(relative(&voltages(&of_knit), &voltages(&plain)));
+            assert_reciprocal(&adjacent(8), &voltages(&of_knit));
+            let jacobian = |model: &ForwardModel| model.jacobian(&sigma).unwrap();
+            near(relative(&jacobian(&of_knit), &jacobian(&plain)));
             if order == ElementOrder::Linear {
                 let finest = |model: &ForwardModel| {
                     let mut workspace = model.workspace().unwrap();
                     model.solve_to(&sigma, 1e-15, &mut workspace).unwrap().measurements()
                 };
-                let error = largest(&(&finest(&of_knit) - &finest(&plain)));
+                let error = relative(&finest(&of_knit), &finest(&plain));
                 // positions of the ellipse are rounded
-                assert!(error < 1e-13 * largest(&finest(&plain)), "{ratio} {angle}: {error:e}");
+                assert!(error < 1e-13, "{ratio} {angle}: {error:e}");
             }
         }
     }
@@ -99,14 +88,14 @@ fn limits_of_contact_impedance_map_too() {
     let of_knit = of_knit.with_anisotropy(&sheet).unwrap();
     let sigma = random_conductivity(&plain, 2);
     let [a, b] = [of_knit, plain].map(|model| model.forward(&sigma).unwrap());
-    assert!(largest(&(&a - &b)) < 1e-12 * largest(&b), "{a} {b}");
+    assert!(relative(&a, &b) < 1e-12, "{a} {b}");
 }
 
 /// A scalar sheet is one of ratio 1, whatever its direction.
 #[test]
 fn a_ratio_of_one_changes_nothing() {
     let mesh = ring_disc(8);
-    for order in ORDERS {
+    for order in BOTH {
         let (of_knit, plain) =
             (knit(&mesh, &[0.1; 12], order, 1.0, 0.3), model(&mesh, &[0.1; 12], order));
         let sigma = random_conductivity(&plain, 2);
@@ -115,60 +104,32 @@ fn a_ratio_of_one_changes_nothing() {
     }
 }
 
-/// Drive and measurement may be exchanged: the tensor is symmetric.
-#[test]
-fn reciprocity() {
-    let quadruples: Vec<[u32; 4]> = vec![[0, 4, 2, 7], [2, 7, 0, 4], [1, 2, 8, 10], [8, 10, 1, 2]];
-    let protocol = Protocol::from_quadruples(12, &quadruples, 1.0).unwrap();
-    let mesh = ring_disc(8);
-    let sheet = Anisotropy::uniform(mesh.surface(), 2.2, 0.6).unwrap();
-    let model = ForwardModel::new(&mesh, &protocol, &[0.1; 12]).unwrap();
-    let model = model.with_anisotropy(&sheet).unwrap();
-    let v = model.forward(&random_conductivity(&model, 2)).unwrap();
-    assert!((v[0] - v[1]).abs().max((v[2] - v[3]).abs()) < 1e-13 * largest(&v), "{v}");
-}
-
 /// A tube of flat facets unrolls without stretching: with the direction transported around it, its
 /// voltages are those of the flat sheet.
 #[test]
 fn a_tube_gives_what_its_unrolled_sheet_gives() {
-    let (columns, rows, edge, turn) = (10_usize, 6_usize, 0.1, 0.5);
-    let node = |i: usize, j: usize| (i * (rows + 1) + j) as u32;
-    let mut triangles = Vec::new();
-    for i in 0..columns {
-        for j in 0..rows {
-            let [a, b, c, d] = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
-            triangles.extend([[a, b, c], [a, c, d]]);
-        }
-    }
-    let places = |to: &dyn Fn(usize) -> [f64; 2]| -> Vec<[f64; 3]> {
-        (0..=columns)
-            .flat_map(|i| (0..=rows).map(move |j| (i, j)))
-            .map(|(i, j)| {
-                let [x, z] = to(i);
-                [x, edge * j as f64, z]
-            })
-            .collect()
-    };
+    let (columns, rows, edge, turn) = (10, 6, 0.1, 0.5);
+    let node = |i: u32, j: u32| i * (rows + 1) + j;
+    let sides = [0, 4, 9].map(|i| [node(i, 0), node(i + 1, 0)]);
+    let ends = [1, 6].map(|i| [node(i + 1, rows), node(i, rows)]);
+    let flat = strip(1.0, 0.6, columns, rows as usize);
+    let flat = with_electrodes(&flat, |list| {
+        let edges = sides.into_iter().chain(ends);
+        *list = edges.map(|edge| Electrode::Rim(vec![edge])).collect();
+    });
     // chords that turn by the same angle; the middle one lies along x
-    let tube = |i: usize| {
+    let tube = moved(&flat, |[x, y, _]| {
         let chord = |k: usize| turn * (k as f64 - 0.5 * (columns as f64 - 1.0));
-        (0..i).fold([0.0, 0.0], |[x, z], k| [x + edge * chord(k).cos(), z - edge * chord(k).sin()])
-    };
-    let electrodes: Vec<Electrode> = [node(0, 0), node(4, 0), node(9, 0)]
-        .into_iter()
-        .map(|a| Electrode::Rim(vec![[a, a + rows as u32 + 1]]))
-        .chain([1, 6].map(|i| Electrode::Rim(vec![[node(i + 1, rows), node(i, rows)]])))
-        .collect();
-    let [flat, tube] = [places(&|i| [edge * i as f64, 0.0]), places(&tube)].map(|nodes| {
-        Mesh::new(Surface::new(nodes, triangles.clone()).unwrap(), electrodes.clone()).unwrap()
+        let steps = (0..(x / edge).round() as usize).map(|k| f64::sin_cos(chord(k)));
+        let [x, z] = steps.fold([0.0, 0.0], |[x, z], (sin, cos)| [x + edge * cos, z - edge * sin]);
+        [x, y, z]
     });
     for (ratio, angle) in [(2.0, 0.0), (2.0, 0.7), (0.4, 1.2)] {
         let sheets =
             [&flat, &tube].map(|mesh| knit(mesh, &[0.1; 5], ElementOrder::Linear, ratio, angle));
         let sigma = random_conductivity(&sheets[0], 2);
         let [a, b] = sheets.map(|model| model.forward(&sigma).unwrap());
-        assert!(largest(&(&a - &b)) < 1e-12 * largest(&a), "{ratio} {angle}: {a} {b}");
+        assert!(relative(&b, &a) < 1e-12, "{ratio} {angle}: {a} {b}");
     }
 }
 
@@ -180,9 +141,7 @@ fn directions_lie_in_the_sheet() {
     let mesh = generate(&shape, &electrodes, &MeshSettings::with_edge(0.01)).unwrap();
     let sheet = Anisotropy::uniform(mesh.surface(), 1.5, 0.3).unwrap();
     for (triangle, direction) in sheet.directions().enumerate() {
-        let normal =
-            eit_core::vector::unit(eit_core::vector::normal(mesh.surface().corners(triangle)));
-        let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f64>();
+        let normal = unit(normal(mesh.surface().corners(triangle)));
         assert!(dot(normal, direction).abs() < 1e-12, "{triangle}: {direction:?}");
         assert!((dot(direction, direction) - 1.0).abs() < 1e-12, "{triangle}: {direction:?}");
     }
@@ -192,27 +151,19 @@ fn directions_lie_in_the_sheet() {
 #[test]
 fn taylor_ratio_and_angle() {
     let mesh = ring_disc(8);
-    for order in ORDERS {
+    for order in BOTH {
         for (ratio, angle) in [(1.0_f64, 0.2_f64), (1.7, 0.9), (0.3, -0.4)] {
             let here = knit(&mesh, &[0.1; 12], order, ratio, angle);
             let sigma = random_conductivity(&here, 2);
             let mut workspace = here.workspace().unwrap();
             let mut solution = here.solve(&sigma, &mut workspace).unwrap();
-            let zero = solution.measurements();
             let jacobian = solution.anisotropy_jacobian().unwrap();
             let at = |ratio: f64, angle: f64| {
                 knit(&mesh, &[0.1; 12], order, ratio, angle).forward(&sigma).unwrap()
             };
-            let slope_two =
-                |what: &str, slope: ArrayView1<f64>, at: &dyn Fn(f64) -> Array1<f64>| {
-                    let remainder = |t: f64| largest(&(&at(t) - &zero - &(&slope * t)));
-                    let [a, b, c] = [2e-2, 1e-2, 5e-3].map(remainder);
-                    let slopes = [(a / b).log2(), (b / c).log2()];
-                    // the third order is a few per cent of the second
-                    let is_two = slopes.iter().all(|s| (s - 2.0).abs() < 0.1);
-                    assert!(is_two, "{what} {order:?} {ratio}: {slopes:?} of {a:e} {b:e} {c:e}");
-                    assert!(largest(slope) * 2e-2 > 10.0 * a, "{what}: the derivative is not zero");
-                };
+            let slope_two = |what: &str, slope: ArrayView1<'_, f64>, at: &dyn Fn(f64) -> _| {
+                assert_slope_two(&format!("{what} {order:?} {ratio}"), slope, 2e-2, at);
+            };
             slope_two("ratio", jacobian.column(0), &|t| at(ratio * t.exp(), angle));
             if ratio == 1.0 {
                 let eighth = std::f64::consts::FRAC_PI_4;
@@ -225,29 +176,6 @@ fn taylor_ratio_and_angle() {
     }
 }
 
-/// Linear and quadratic elements converge to one solution, linear ones with order two.
-#[test]
-fn elements_of_both_orders_converge() {
-    let skin = SkinShape::Disc { radius_m: 1.0 };
-    let electrodes = RimElectrodes::equally_spaced(8, 0.4);
-    let protocol = PairProtocol { electrodes: 8, ..Default::default() }.protocol().unwrap();
-    let voltages = |nodes: usize, order: ElementOrder| -> Array1<f64> {
-        let ends = 0.1 * (400.0 / nodes as f64).sqrt();
-        let settings = MeshSettings { electrode_edge_m: Some(ends), ..Default::default() };
-        let settings = settings.for_nodes(&skin, &electrodes, nodes).unwrap();
-        let mesh = generate(&skin, &electrodes, &settings).unwrap();
-        let sheet = Anisotropy::uniform(mesh.surface(), 1.8, 0.5).unwrap();
-        let model = ForwardModel::with_element_order(&mesh, &protocol, &[0.2; 8], order).unwrap();
-        let model = model.with_anisotropy(&sheet).unwrap();
-        model.forward(&vec![1.0; model.elements()]).unwrap()
-    };
-    let found = voltages(3000, ElementOrder::Quadratic);
-    let apart = [1500, 6000, 24000]
-        .map(|nodes| largest(&(voltages(nodes, ElementOrder::Linear) - &found)) / largest(&found));
-    println!("linear elements are apart by {apart:?}");
-    assert!(apart[0] / apart[2] > 10.0 && apart[2] < 5e-4, "{apart:?}");
-}
-
 #[test]
 fn what_cannot_be_is_refused() {
     let mesh = ring_disc(8);
@@ -256,9 +184,13 @@ fn what_cannot_be_is_refused() {
         let error = result.unwrap_err().to_string();
         assert!(error.contains(wanted), "{error}");
     }
-    says(Anisotropy::uniform(surface, 0.0, 0.0), "ratio of the conductivities along and across");
-    says(Anisotropy::uniform(surface, f64::NAN, 0.0), "ratio of the conductivities");
-    says(Anisotropy::uniform(surface, 1.5, f64::INFINITY), "angle of the conductivity along");
+    for (ratio, angle, wanted) in [
+        (0.0, 0.0, "ratio of the conductivities along and across"),
+        (f64::NAN, 0.0, "ratio of the conductivities"),
+        (1.5, f64::INFINITY, "angle of the conductivity along"),
+    ] {
+        says(Anisotropy::uniform(surface, ratio, angle), wanted);
+    }
     says(Anisotropy::new(&[1.0, 2.0], &[[1.0, 0.0, 0.0]]), "directions of the conductivity");
     says(Anisotropy::new(&[1.0], &[[0.0; 3]]), "length of a direction");
     let count = surface.triangles().len();

@@ -1,13 +1,11 @@
 //! The same input gives bit-identical results: repeated, in reused memory, on other threads.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
-use crate::common::{adjacent, noise, random_conductivity, round_disc};
+use crate::common::{BOTH, adjacent, model_of, random_conductivity, round_disc, uneven};
 use eit_fem::{ElementOrder, ForwardModel, Protocol, Solution, Workspace};
 use ndarray::{Array1, Array2};
 
 fn model(order: ElementOrder) -> ForwardModel {
-    let impedance: Vec<f64> = noise(7, 12).iter().map(|x| 0.01 + x).collect();
-    ForwardModel::with_element_order(&round_disc(4), &adjacent(12), &impedance, order).unwrap()
+    model_of(&round_disc(4), &adjacent(12), &uneven(7, 12, 0.01), order)
 }
 
 fn everything(
@@ -20,16 +18,18 @@ fn everything(
     (voltages, solution.node_potentials(), solution.jacobian())
 }
 
-/// Reused memory and a model rebuilt from the same input give the same bits.
+/// Reused memory and a model that is rebuilt or copied give the same bits.
 #[test]
 fn a_used_workspace_gives_the_bits_of_a_fresh_one() {
-    for order in [ElementOrder::Linear, ElementOrder::Quadratic] {
+    for order in BOTH {
         let (model, rebuilt) = (model(order), model(order));
+        let copy = model.clone();
         let mut used = model.workspace().unwrap();
         for seed in [1, 2, 1] {
             let fresh = everything(&model, seed, &mut model.workspace().unwrap());
             assert_eq!(everything(&model, seed, &mut used), fresh);
             assert_eq!(everything(&rebuilt, seed, &mut used), fresh);
+            assert_eq!(everything(&copy, seed, &mut used), fresh);
         }
     }
 }
@@ -57,10 +57,8 @@ fn answers_do_not_depend_on_the_questions_before_them() {
 fn threads_that_share_a_model_give_the_bits_of_one_thread() {
     fn shared<T: Send + Sync>() {}
     fn sent<T: Send>() {}
-    shared::<ForwardModel>();
-    shared::<Protocol>();
-    sent::<Workspace>();
-    sent::<Solution>();
+    shared::<(ForwardModel, Protocol)>();
+    sent::<(Workspace, Solution<'_>)>();
     let model = &model(ElementOrder::Linear);
     let alone: Vec<_> =
         (0..8).map(|seed| everything(model, seed, &mut model.workspace().unwrap())).collect();

@@ -1,74 +1,63 @@
-//! The simulated fabric as a whole: determinism, switching effects off, ground truth, invalid
-//! input. The file is long because all these tests share their scene.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+//! The simulated fabric as a whole: determinism, switching effects off, ground truth, invalid input.
 
-use eit_fem::fabric::{
-    Drift, Fabric, FabricSettings, Finger, Instrument, Interpolation, Key, PlayCircle, Rim,
-    Simulation, SimulationSettings, Tip, TouchScript, TrueQuality, Weave,
+use crate::common::skins::{changed, disc, finger, key, script, try_fabric, try_simulate};
+use crate::common::{
+    CONDUCTIVITY_S as SIGMA, IMPEDANCE_OHM_M, even, largest, paper_protocol, relative,
 };
-use eit_fem::{ForwardModel, PairProtocol, Protocol};
-use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
-
-const SIGMA: f64 = 1e-5;
+use eit_fem::ForwardModel;
+use eit_fem::fabric::{
+    FabricSettings, Instrument, Key, PlayCircle, Simulation, SimulationSettings, Tip, TouchScript,
+    TrueQuality, Weave,
+};
+use eit_mesh::{Mesh, Raster};
 
 fn mesh() -> Mesh {
-    let skin = SkinShape::Disc { radius_m: 0.1 };
-    let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
-    generate(&skin, &electrodes, &MeshSettings::with_edge(0.012)).unwrap()
+    disc(0.012)
 }
 
-fn protocol() -> Protocol {
-    PairProtocol::default().protocol().unwrap()
+fn model(mesh: &Mesh) -> ForwardModel {
+    ForwardModel::new(mesh, &paper_protocol(), &[IMPEDANCE_OHM_M; 16]).unwrap()
 }
 
-fn simulate(
+fn simulate_on(
+    mesh: &Mesh,
     settings: &FabricSettings,
     script: &TouchScript,
     seed: u64,
     threads: usize,
 ) -> Simulation {
-    let mesh = mesh();
-    let fabric = Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], settings).unwrap();
     let raster = Raster::new(mesh.surface(), 32).unwrap();
     let how = SimulationSettings { seed, threads, keep_elements: true };
-    fabric.simulate(script, &raster, &how, &mut |_| {}).unwrap()
+    try_fabric(mesh, settings).unwrap().simulate(script, &raster, &how, &mut |_| {}).unwrap()
 }
 
-/// A press at one place from 0.4 s to 1.2 s, at 10 frames per second.
-fn press(position_m: [f64; 2], force_n: f64) -> TouchScript {
-    let key = |time_s, force_n| Key { time_s, position_m, force_n, radius_m: 0.01 };
-    TouchScript {
-        name: "press".to_owned(),
-        frame_rate_hz: 10.0,
-        frames: 20,
-        quiet_frames: 4,
-        fingers: vec![Finger {
-            id: 7,
-            tip: Tip::Round,
-            interpolation: Interpolation::Linear,
-            keys: vec![key(0.4, 0.0), key(0.6, force_n), key(1.2, force_n), key(1.4, 0.0)],
-        }],
-    }
+fn simulate(settings: &FabricSettings, script: &TouchScript) -> Simulation {
+    simulate_on(&mesh(), settings, script, 1, 1)
+}
+
+/// A press at one place from 0.4 s to 1.2 s.
+fn press(at_m: [f64; 2], force_n: f64) -> TouchScript {
+    let keys = [(0.4, 0.0), (0.6, force_n), (1.2, force_n), (1.4, 0.0)];
+    let keys = keys.map(|(time_s, force_n)| key(time_s, at_m, force_n)).to_vec();
+    script(20, 4, vec![finger(7, Tip::Round, keys)])
 }
 
 fn random_script() -> TouchScript {
-    let mut script = TouchScript::built_in("random", &PlayCircle::of(&mesh()), 3).unwrap();
-    script.frames = 90;
-    script
+    let script = TouchScript::built_in("random", &PlayCircle::of(&mesh()), 3).unwrap();
+    TouchScript { frames: 90, ..script }
 }
 
 /// All effects switched on.
 fn everything() -> FabricSettings {
-    FabricSettings {
-        instrument: Instrument {
-            loose: vec![3],
-            loose_rate_hz: 1.0,
-            lost: vec![9],
-            compliance_v: Some(20.0),
-            ..Default::default()
-        },
-        ..Default::default()
-    }
+    let (loose, lost, compliance_v) = (vec![3], vec![9], Some(20.0));
+    let instrument =
+        Instrument { loose, loose_rate_hz: 1.0, lost, compliance_v, ..Default::default() };
+    FabricSettings { instrument, ..Default::default() }
+}
+
+/// The ideal fabric with one effect.
+fn ideal_but(change: impl FnOnce(&mut FabricSettings)) -> FabricSettings {
+    changed(FabricSettings::ideal(), change)
 }
 
 /// Values from the first release with the simulated fabric, all effects switched on. On another
@@ -76,7 +65,7 @@ fn everything() -> FabricSettings {
 /// random numbers change them by 1e-4 and more.
 #[test]
 fn a_seed_gives_the_frames_it_has_always_given() {
-    let made = simulate(&everything(), &random_script(), 5, 2);
+    let made = simulate_on(&mesh(), &everything(), &random_script(), 5, 2);
     for (at, wanted_v) in [
         ([0, 0], -0.890_798_591_693_774_5),
         // a measurement of the lost electrode, which floats
@@ -91,7 +80,10 @@ fn a_seed_gives_the_frames_it_has_always_given() {
 
 #[test]
 fn same_bytes_for_any_number_of_threads() {
-    let script = random_script();
+    let (mesh, script) = (disc(0.02), random_script());
+    let simulate = |settings: &FabricSettings, script: &TouchScript, seed, threads| {
+        simulate_on(&mesh, settings, script, seed, threads)
+    };
     let same = |a: &Simulation, b: &Simulation| {
         assert!(a.frames_v == b.frames_v && a.exact_v == b.exact_v);
         // images are NaN outside the skin, so compare bits
@@ -105,10 +97,10 @@ fn same_bytes_for_any_number_of_threads() {
         assert_eq!(a.truth.contact_impedance, b.truth.contact_impedance);
         assert_eq!(a.truth.quality, b.truth.quality);
     };
-    let mut rough = everything();
-    (rough.print.ratio, rough.print.roll_m, rough.piezo.saturation) = (1.5, 1e-3, Some(0.5));
-    rough.instrument.scan_share = 0.8;
-    (rough.instrument.torn, rough.instrument.spiked) = (0.2, 0.2);
+    let rough = changed(everything(), |s| {
+        (s.print.ratio, s.print.roll_m, s.piezo.saturation) = (1.5, 1e-3, Some(0.5));
+        (s.instrument.scan_share, s.instrument.torn, s.instrument.spiked) = (0.8, 0.2, 0.2);
+    });
     let scanned = simulate(&rough, &script, 5, 1);
     same(&scanned, &simulate(&rough, &script, 5, 2));
     let one = simulate(&everything(), &script, 5, 1);
@@ -118,8 +110,7 @@ fn same_bytes_for_any_number_of_threads() {
     let other = simulate(&everything(), &script, 6, 1);
     assert!(one.frames_v != other.frames_v, "another seed is another fabric");
     // the first frames of a longer script equal those of a shorter one
-    let mut short = script.clone();
-    short.frames = 50;
+    let short = TouchScript { frames: 50, ..script };
     for (long, settings) in [(one, everything()), (scanned, rough)] {
         let short = simulate(&settings, &short, 5, 2);
         assert!(long.frames_v.slice_axis(ndarray::Axis(0), (0..50).into()) == short.frames_v);
@@ -129,9 +120,9 @@ fn same_bytes_for_any_number_of_threads() {
 /// With all effects off, frames are plain solves with the ground-truth conductivities.
 #[test]
 fn the_ideal_fabric_is_a_plain_solve() {
-    let made = simulate(&FabricSettings::ideal(), &press([0.03, 0.02], 2.0), 1, 1);
-    let model = ForwardModel::new(&mesh(), &protocol(), &[1e3; 16]).unwrap();
-    let untouched = model.forward(&vec![SIGMA; model.elements()]).unwrap();
+    let made = simulate(&FabricSettings::ideal(), &press([0.03, 0.02], 2.0));
+    let model = model(&mesh());
+    let untouched = even(&model, SIGMA);
     assert_eq!(made.frames_v, made.exact_v, "no instrument");
     assert_eq!(made.reference_v, untouched);
     for quiet in [0, 3, 4, 14, 19] {
@@ -140,9 +131,8 @@ fn the_ideal_fabric_is_a_plain_solve() {
     let changes = made.truth.element_change_s.as_ref().unwrap();
     let sigma: Vec<f64> = changes.row(8).iter().map(|c| SIGMA + c).collect();
     let wanted = model.forward(&sigma).unwrap();
-    let largest = untouched.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     // difference and sum of the same numbers: rounding
-    assert!((&made.frames_v.row(8) - &wanted).iter().all(|d| d.abs() < 1e-12 * largest));
+    assert!(relative(&made.frames_v.row(8).to_owned(), &wanted) < 1e-12);
     assert!(made.truth.electrode_shift_m.iter().all(|s| *s == 0.0));
     assert!(made.truth.contact_impedance.iter().all(|z| *z == 1e3));
 }
@@ -153,50 +143,19 @@ fn the_ideal_fabric_is_a_plain_solve() {
 fn parts_switch_off_one_by_one() {
     let script = press([0.07, 0.0], 2.0);
     let ideal = FabricSettings::ideal();
-    let base = simulate(&ideal, &script, 1, 1);
-    let on: [(&str, FabricSettings); 9] = [
-        ("movement", FabricSettings { membrane: Default::default(), ..ideal.clone() }),
-        ("memory", FabricSettings { piezo: Default::default(), ..ideal.clone() }),
-        (
-            "contact",
-            FabricSettings { rim: Rim { contact_gain: 1.0, ..ideal.rim }, ..ideal.clone() },
-        ),
-        ("weave", FabricSettings { weave: Weave::default(), ..ideal.clone() }),
-        (
-            "sheet drift",
-            FabricSettings { drift: Drift { conductivity: 1e-3, ..ideal.drift }, ..ideal.clone() },
-        ),
-        (
-            "contact drift",
-            FabricSettings { drift: Drift { contact: 1e-3, ..ideal.drift }, ..ideal.clone() },
-        ),
-        (
-            "noise",
-            FabricSettings {
-                instrument: Instrument { noise_v: [4e-7, 1.4e-6], ..ideal.instrument.clone() },
-                ..ideal.clone()
-            },
-        ),
-        (
-            "gain",
-            FabricSettings {
-                instrument: Instrument { gain_error: 1e-3, ..ideal.instrument.clone() },
-                ..ideal.clone()
-            },
-        ),
-        (
-            "bits",
-            FabricSettings {
-                instrument: Instrument { bits: 16, ..ideal.instrument.clone() },
-                ..ideal.clone()
-            },
-        ),
-    ];
-    for (name, settings) in on {
-        assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
-    }
+    let frames_v = |settings: &FabricSettings| simulate(settings, &script).frames_v;
+    let base_v = frames_v(&ideal);
     type Change = fn(&mut FabricSettings);
-    let rough: [(&str, Change); 12] = [
+    let effects: [(&str, Change); 21] = [
+        ("movement", |s| s.membrane = Default::default()),
+        ("memory", |s| s.piezo = Default::default()),
+        ("contact", |s| s.rim.contact_gain = 1.0),
+        ("weave", |s| s.weave = Weave::default()),
+        ("sheet drift", |s| s.drift.conductivity = 1e-3),
+        ("contact drift", |s| s.drift.contact = 1e-3),
+        ("noise", |s| s.instrument.noise_v = [4e-7, 1.4e-6]),
+        ("gain", |s| s.instrument.gain_error = 1e-3),
+        ("bits", |s| s.instrument.bits = 16),
         ("direction", |s| s.weave.ratio = 1.6),
         ("ring", |s| s.piezo.ring = 0.5),
         ("warming", |s| s.drift.warming_per_min = 0.01),
@@ -210,30 +169,24 @@ fn parts_switch_off_one_by_one() {
         ("torn frames", |s| s.instrument.torn = 0.5),
         ("spikes", |s| s.instrument.spiked = 0.5),
     ];
-    for (name, change) in rough {
-        let mut settings = ideal.clone();
-        change(&mut settings);
-        assert!(simulate(&settings, &script, 1, 1).frames_v != base.frames_v, "{name}");
+    for (name, change) in effects {
+        assert!(frames_v(&ideal_but(change)) != base_v, "{name}");
     }
     // other settings of an effect that is off do not matter
-    let mut off = ideal.clone();
-    off.weave.correlation_m = 0.5;
-    off.drift.time_s = 1.0;
-    off.instrument.loose_time_s = 9.0;
-    off.instrument.range_v = Some(1e-9);
-    off.instrument.open_factor = 7.0;
-    off.weave.angle_deg = 40.0;
-    off.piezo.ring_radius_m = 0.04;
-    off.drift.warming_unevenness = 2.0;
-    off.instrument.mains_hz = 3.0;
-    off.print.squash_n = 2.0;
-    off.print.roll_deg = 20.0;
-    off.print.roll_s = 9.0;
-    assert_eq!(simulate(&off, &script, 99, 1).frames_v, base.frames_v, "nor has the seed");
+    let off = ideal_but(|s| {
+        (s.weave.correlation_m, s.weave.angle_deg) = (0.5, 40.0);
+        (s.drift.time_s, s.drift.warming_unevenness) = (1.0, 2.0);
+        (s.instrument.loose_time_s, s.instrument.range_v) = (9.0, Some(1e-9));
+        (s.instrument.open_factor, s.instrument.mains_hz) = (7.0, 3.0);
+        s.piezo.ring_radius_m = 0.04;
+        (s.print.squash_n, s.print.roll_deg, s.print.roll_s) = (2.0, 20.0, 9.0);
+    });
+    let made = simulate_on(&mesh(), &off, &script, 99, 1);
+    assert_eq!(made.frames_v, base_v, "nor has the seed");
     // switching one effect off does not change the random numbers of the others
     let noisy = |weave: Weave| {
-        let instrument = Instrument { noise_v: [1e-6, 1e-6], ..ideal.instrument.clone() };
-        let made = simulate(&FabricSettings { weave, instrument, ..ideal.clone() }, &script, 1, 1);
+        let settings = ideal_but(|s| (s.weave, s.instrument.noise_v) = (weave, [1e-6; 2]));
+        let made = simulate(&settings, &script);
         &made.frames_v - &made.exact_v
     };
     let difference = noisy(Weave::default()) - noisy(ideal.weave);
@@ -246,7 +199,7 @@ fn parts_switch_off_one_by_one() {
 #[test]
 fn the_truth_holds_the_force() {
     let script = press([0.03, -0.02], 2.0);
-    let made = simulate(&FabricSettings::default(), &script, 1, 1);
+    let made = simulate(&FabricSettings::default(), &script);
     let raster = Raster::new(mesh().surface(), 32).unwrap();
     let pressed = made.truth.pressure_pa.index_axis(ndarray::Axis(0), 8);
     let areas = raster.masked_pixels().iter().zip(raster.covered_areas_m2());
@@ -268,7 +221,7 @@ fn the_truth_holds_the_force() {
 #[test]
 fn electrodes_move_towards_a_finger_near_the_rim() {
     let electrode_shift = |position_m: [f64; 2]| {
-        let made = simulate(&FabricSettings::default(), &press(position_m, 2.0), 1, 1);
+        let made = simulate(&FabricSettings::default(), &press(position_m, 2.0));
         let shifts = made.truth.electrode_shift_m.index_axis(ndarray::Axis(0), 8).to_owned();
         let size = |l: usize| shifts.row(l).iter().map(|s| s * s).sum::<f64>().sqrt();
         let sizes: Vec<f64> = (0..16).map(size).collect();
@@ -294,13 +247,11 @@ fn electrodes_move_towards_a_finger_near_the_rim() {
 #[test]
 fn a_moving_finger_drags_the_fabric() {
     let shift_y = |friction: f64| {
-        let mut settings = FabricSettings::default();
-        settings.membrane.friction = friction;
-        let mut script = press([0.06, 0.0], 1.5);
-        script.fingers[0].keys[1].position_m[1] = -0.03;
-        script.fingers[0].keys[0].position_m[1] = -0.03;
+        let settings = changed(FabricSettings::default(), |s| s.membrane.friction = friction);
+        let mut script = press([0.06, -0.03], 1.5);
         script.fingers[0].keys[2].position_m[1] = 0.03;
-        let made = simulate(&settings, &script, 1, 1);
+        script.fingers[0].keys[3].position_m[1] = 0.0;
+        let made = simulate(&settings, &script);
         // frame 9 is in the middle of the upward stroke; electrode 1 is centred on +x
         made.truth.electrode_shift_m[[9, 0, 1]]
     };
@@ -318,9 +269,8 @@ fn a_moving_finger_drags_the_fabric() {
 fn the_instrument_does_what_it_says() {
     let mut script = press([0.0, 0.0], 1.0);
     script.frames = 400;
-    let mut settings = FabricSettings::ideal();
-    settings.instrument.noise_v = [1e-6, 1e-6];
-    let made = simulate(&settings, &script, 1, 2);
+    let noisy = ideal_but(|s| s.instrument.noise_v = [1e-6, 1e-6]);
+    let made = simulate_on(&disc(0.02), &noisy, &script, 1, 2);
     let noise = &made.frames_v - &made.exact_v;
     let std = (noise.iter().map(|n| n * n).sum::<f64>() / noise.len() as f64).sqrt();
     // 83 200 samples: four standard errors of 0.25 %
@@ -329,10 +279,10 @@ fn the_instrument_does_what_it_says() {
     assert!(lag.abs() < 0.02 * noise.iter().map(|n| n * n).sum::<f64>(), "frames are independent");
 
     script.frames = 12;
-    settings.instrument.noise_v = [0.0, 0.0];
-    settings.instrument.bits = 12;
-    settings.instrument.range_v = Some(0.5);
-    let made = simulate(&settings, &script, 1, 1);
+    let made = simulate(
+        &ideal_but(|s| (s.instrument.bits, s.instrument.range_v) = (12, Some(0.5))),
+        &script,
+    );
     let step = 0.5 / 2048.0;
     for ((v, exact), quality) in made.frames_v.iter().zip(&made.exact_v).zip(&made.truth.quality) {
         assert_eq!((v / step).fract(), 0.0);
@@ -344,7 +294,7 @@ fn the_instrument_does_what_it_says() {
     }
     assert!(made.truth.quality.iter().any(|q| *q == TrueQuality::Saturated));
     // the default range of the untouched skin does not saturate
-    let made = simulate(&FabricSettings::default(), &script, 1, 1);
+    let made = simulate(&FabricSettings::default(), &script);
     assert!(made.truth.quality.iter().all(|q| *q == TrueQuality::Good));
 }
 
@@ -352,21 +302,18 @@ fn the_instrument_does_what_it_says() {
 /// a source at half the needed voltage halves the measurements.
 #[test]
 fn bad_contacts_are_marked() {
-    let mut settings = FabricSettings::ideal();
-    settings.instrument.lost = vec![9];
-    settings.instrument.loose = vec![3];
+    let settings = ideal_but(|s| (s.instrument.lost, s.instrument.loose) = (vec![9], vec![3]));
     let mut script = press([0.0, 0.0], 1.0);
     script.frames = 200;
-    let made = simulate(&settings, &script, 1, 2);
-    let quadruples: Vec<[usize; 4]> =
-        protocol().quadruples().unwrap().iter().map(|q| q.map(|l| l as usize)).collect();
+    let made = simulate_on(&mesh(), &settings, &script, 1, 2);
+    let quadruples = paper_protocol().quadruples().unwrap().to_vec();
+    let large = 1e-3 * largest(&made.reference_v);
     for (k, quadruple) in quadruples.iter().enumerate() {
         let lost = made.truth.quality.column(k).iter().all(|q| *q == TrueQuality::Lost);
         assert_eq!(lost, quadruple.contains(&8), "{quadruple:?}");
         // a lost electrode floats at a tenth of the largest voltage; `exact_v` shows only the poor
         // contact
         let off = (&made.frames_v.column(k) - &made.exact_v.column(k)).mapv(f64::abs);
-        let large = 1e-3 * made.reference_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         assert_eq!(off.iter().all(|v| *v < large), !lost, "{quadruple:?}");
         let loose =
             made.truth.quality.column(k).iter().filter(|q| **q == TrueQuality::Loose).count();
@@ -376,16 +323,14 @@ fn bad_contacts_are_marked() {
     }
     assert_eq!(made.truth.contact_impedance[[0, 8]], 1e6);
 
-    let mut limited = FabricSettings::ideal();
-    let driven = {
-        let model = ForwardModel::new(&mesh(), &protocol(), &[1e3; 16]).unwrap();
-        let mut workspace = model.workspace().unwrap();
-        let sigma = vec![SIGMA; model.elements()];
-        let u = model.solve(&sigma, &mut workspace).unwrap().electrode_potentials();
-        u[[0, 0]] - u[[0, 1]]
-    };
-    limited.instrument.compliance_v = Some(0.5 * driven.abs());
-    let made = simulate(&limited, &press([0.0, 0.0], 1.0), 1, 1);
+    let mesh = mesh();
+    let model = model(&mesh);
+    let mut workspace = model.workspace().unwrap();
+    let sigma = vec![SIGMA; model.elements()];
+    let u = model.solve(&sigma, &mut workspace).unwrap().electrode_potentials();
+    let needed_v = (u[[0, 0]] - u[[0, 1]]).abs();
+    let limited = ideal_but(|s| s.instrument.compliance_v = Some(0.5 * needed_v));
+    let made = simulate(&limited, &press([0.0, 0.0], 1.0));
     let ratio = made.exact_v[[0, 0]] / made.reference_v[0];
     assert!((ratio - 0.5).abs() < 1e-12, "rounding: {ratio}");
     assert_eq!(made.truth.quality[[0, 0]], TrueQuality::SourceLimited);
@@ -395,16 +340,9 @@ fn bad_contacts_are_marked() {
 #[test]
 fn finer_meshes_tell_the_same() {
     let change = |edge_m: f64| {
-        let skin = SkinShape::Disc { radius_m: 0.1 };
-        let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
-        let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(edge_m)).unwrap();
-        let mut settings = FabricSettings::ideal();
-        settings.membrane.moves_nodes = true;
-        let fabric = Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &settings).unwrap();
-        let raster = Raster::new(mesh.surface(), 16).unwrap();
-        let script = press([0.06, 0.02], 2.0);
-        let made =
-            fabric.simulate(&script, &raster, &SimulationSettings::default(), &mut |_| {}).unwrap();
+        let mesh = disc(edge_m);
+        let fabric = try_fabric(&mesh, &ideal_but(|s| s.membrane.moves_nodes = true)).unwrap();
+        let made = try_simulate(&mesh, &fabric, &press([0.06, 0.02], 2.0), 16).unwrap();
         &made.exact_v.row(8) - &made.reference_v
     };
     let (coarse, fine) = (change(0.006), change(0.003));
@@ -417,63 +355,46 @@ fn finer_meshes_tell_the_same() {
 fn bad_scripts_are_refused() {
     let mesh = mesh();
     let good = press([0.0, 0.0], 2.0);
+    good.validate(&mesh).unwrap();
+    let fabric = try_fabric(&mesh, &FabricSettings::default()).unwrap();
+    let raster = Raster::new(mesh.surface(), 16).unwrap();
     let says = |change: &dyn Fn(&mut TouchScript), wanted: &str| {
-        let mut script = good.clone();
-        change(&mut script);
-        let message = script.validate(&mesh).unwrap_err().to_string();
-        assert_eq!(message, wanted);
+        let script = changed(good.clone(), change);
+        assert_eq!(script.validate(&mesh).unwrap_err().to_string(), wanted);
         // and the simulation does not start
-        let fabric =
-            Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &FabricSettings::default()).unwrap();
-        let raster = Raster::new(mesh.surface(), 16).unwrap();
         let mut steps = 0;
         let how = SimulationSettings::default();
         assert!(fabric.simulate(&script, &raster, &how, &mut |_| steps += 1).is_err());
         assert_eq!(steps, 0);
     };
-    good.validate(&mesh).unwrap();
-    let key =
-        |f: &'static dyn Fn(&mut Key)| move |s: &mut TouchScript| f(&mut s.fingers[0].keys[2]);
-    says(&key(&|k| k.force_n = -1.0), "finger 7, key 2: force_n is -1: it must be at least zero");
-    says(
-        &key(&|k| k.force_n = f64::NAN),
-        "finger 7, key 2: force_n is NaN: it must be at least zero",
-    );
-    says(&key(&|k| k.radius_m = 0.0), "finger 7, key 2: radius_m is 0: it must be above zero");
-    says(
-        &key(&|k| k.time_s = 0.5),
-        "finger 7, key 2: its time 0.5 s is not after the previous key at 0.6 s",
-    );
-    says(
-        &key(&|k| k.position_m = [0.2, 0.0]),
-        "finger 7, at key 2, 1.2 s: (0.2, 0) m is not on the skin",
-    );
-    says(
-        &key(&|k| k.position_m[1] = f64::INFINITY),
-        "finger 7, key 2: position_m[1] is inf: it must be finite",
-    );
+    type Change = fn(&mut Key);
+    let bad_keys: [(Change, &str); 6] = [
+        (|k| k.force_n = -1.0, ", key 2: force_n is -1: it must be at least zero"),
+        (|k| k.force_n = f64::NAN, ", key 2: force_n is NaN: it must be at least zero"),
+        (|k| k.radius_m = 0.0, ", key 2: radius_m is 0: it must be above zero"),
+        (|k| k.time_s = 0.5, ", key 2: its time 0.5 s is not after the previous key at 0.6 s"),
+        (|k| k.position_m = [0.2, 0.0], ", at key 2, 1.2 s: (0.2, 0) m is not on the skin"),
+        (|k| k.position_m[1] = f64::INFINITY, ", key 2: position_m[1] is inf: it must be finite"),
+    ];
+    for (change, wanted) in bad_keys {
+        says(&|s| change(&mut s.fingers[0].keys[2]), &format!("finger 7{wanted}"));
+    }
     says(
         &|s| s.quiet_frames = 10,
         "finger 7, key 1: time_s is 0.6: it must be after the quiet frames, since the finger presses",
     );
     says(&|s| s.frame_rate_hz = 0.0, "frame_rate_hz is 0: it must be finite and above zero");
-    says(
-        &|s| s.frames = 0,
-        "frames is 0: it must be more than quiet_frames, and at most 10 million",
-    );
-    says(
-        &|s| s.frames = 1_000_000_000_000,
-        "frames is 1000000000000: it must be more than quiet_frames, and at most 10 million",
-    );
+    for frames in [0, 1_000_000_000_000] {
+        let wanted = "it must be more than quiet_frames, and at most 10 million";
+        says(&|s| s.frames = frames, &format!("frames is {frames}: {wanted}"));
+    }
 }
 
 #[test]
 fn bad_settings_are_refused() {
     let mesh = mesh();
     let says = |change: &dyn Fn(&mut FabricSettings), wanted: &str| {
-        let mut settings = FabricSettings::default();
-        change(&mut settings);
-        let error = Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &settings).unwrap_err();
+        let error = try_fabric(&mesh, &changed(FabricSettings::default(), change)).unwrap_err();
         assert!(error.to_string().contains(wanted), "{error}");
     };
     says(&|s| s.membrane.tension_n_per_m = 0.0, "fabric.membrane.tension_n_per_m is 0");
@@ -492,18 +413,15 @@ fn bad_settings_are_refused() {
     says(&|s| s.instrument.spiked = f64::NAN, "fabric.instrument.spiked is NaN");
     says(&|s| s.instrument.scan_share = -0.1, "fabric.instrument.scan_share is -0.1");
     says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost refers to electrode 17");
-    let hard = press([0.0, 0.0], 1000.0);
-    let fabric =
-        Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &FabricSettings::default()).unwrap();
-    let raster = Raster::new(mesh.surface(), 16).unwrap();
-    let how = SimulationSettings::default();
-    let error = fabric.simulate(&hard, &raster, &how, &mut |_| {}).unwrap_err().to_string();
+    // found only while the skin is pressed
+    let pressed = |change: &dyn Fn(&mut FabricSettings), force_n| {
+        let fabric = try_fabric(&mesh, &changed(FabricSettings::default(), change)).unwrap();
+        try_simulate(&mesh, &fabric, &press([0.0, 0.0], force_n), 16).unwrap_err().to_string()
+    };
+    let error = pressed(&|_| {}, 1000.0);
     assert!(error.starts_with("finger 7, 0.5 s: 500"), "{error}");
-    let mut rolling = FabricSettings::default();
-    rolling.print.roll_m = 0.2;
-    let fabric = Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &rolling).unwrap();
-    let error = fabric.simulate(&press([0.0, 0.0], 1.0), &raster, &how, &mut |_| {}).unwrap_err();
-    assert!(error.to_string().contains("as its print rolls"), "{error}");
+    let error = pressed(&|s| s.print.roll_m = 0.2, 1.0);
+    assert!(error.contains("as its print rolls"), "{error}");
 }
 
 /// All built-in scripts are valid on the disc and start with 20 quiet frames; the paper's scripts
@@ -521,23 +439,21 @@ fn built_in_scripts_fit_the_skin() {
         let touched = (0..script.frames).filter(|f| !script.touches(*f).is_empty()).count();
         assert!(5 * touched > 2 * script.frames, "{name}: {touched} of {}", script.frames);
     }
-    let one = TouchScript::built_in("one-finger", &circle, 1).unwrap();
-    let two = TouchScript::built_in("two-fingers", &circle, 1).unwrap();
-    assert_eq!((one.frames, two.frames), (397, 252));
-    // the first is anticlockwise from the top, the second clockwise
+    let [one, two, paper_one, paper_two] =
+        ["one-finger", "two-fingers", "paper-one-finger", "paper-two-fingers"]
+            .map(|name| TouchScript::built_in(name, &circle, 1).unwrap());
     let place = |s: &TouchScript, f: usize| s.touches(f)[0].position_m;
     let angle = |s: &TouchScript, f: usize| {
         let [x, y] = place(s, f);
         y.atan2(x)
     };
-    assert!(angle(&one, 60) > angle(&one, 30));
-    assert!(angle(&two, 60) < angle(&two, 30));
-    // the paper's, one frame a second: from snapshot 13 of 21 from the rim through the centre to the upper left
-    let [paper_one, paper_two] = ["paper-one-finger", "paper-two-fingers"]
-        .map(|name| TouchScript::built_in(name, &circle, 1).unwrap());
-    assert_eq!((paper_one.frames, paper_two.frames), (397, 252));
+    for (one, two) in [(&one, &two), (&paper_one, &paper_two)] {
+        assert_eq!((one.frames, two.frames), (397, 252));
+        assert!(angle(two, 60) < angle(two, 30), "clockwise");
+    }
+    assert!(angle(&one, 60) > angle(&one, 30), "anticlockwise from the top");
     assert_eq!((paper_one.frame_rate_hz, paper_two.frame_rate_hz), (1.0, 1.0));
-    assert!(angle(&paper_two, 60) < angle(&paper_two, 30));
+    // the paper's: from snapshot 13 of 21 from the rim through the centre to the upper left
     let touched: Vec<usize> = (0..397).filter(|f| !paper_one.touches(*f).is_empty()).collect();
     let snapshot = |k: usize| touched[(k - 1) * (touched.len() - 1) / 20];
     let from_centre = |k: usize| {
@@ -546,8 +462,8 @@ fn built_in_scripts_fit_the_skin() {
     };
     for k in 2..13 {
         assert!((from_centre(k) - 0.08).abs() < 1e-3, "snapshot {k}");
-        let turned = (angle(&paper_one, snapshot(k)) - angle(&paper_one, snapshot(k - 1)))
-            .rem_euclid(std::f64::consts::TAU);
+        let turned = angle(&paper_one, snapshot(k)) - angle(&paper_one, snapshot(k - 1));
+        let turned = turned.rem_euclid(std::f64::consts::TAU);
         assert!((0.4..0.7).contains(&turned), "snapshot {k}: {turned}");
     }
     assert!(from_centre(14) < 0.075 && from_centre(17) < 3e-3, "{}", from_centre(17));

@@ -1,77 +1,48 @@
 //! The simulated fabric on skins that are not flat.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use eit_fem::fabric::{
-    Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Simulation, SimulationSettings,
-    Tip, TouchScript,
-};
-use eit_fem::{FemError, PairProtocol};
-use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, Surface, generate};
+use crate::common::skins::{changed, disc, dome, finger, key, script, try_fabric, try_simulate};
+use crate::common::{largest, moved};
+use eit_core::vector::norm;
+use eit_fem::FemError;
+use eit_fem::fabric::{FabricSettings, PlayCircle, Simulation, Tip, TouchScript};
+use eit_mesh::{Mesh, Raster};
 
-/// Two frames without touch, then two fingers that move.
-fn script(along: f64) -> TouchScript {
-    let finger = |id, tip, from: [f64; 2], to: [f64; 2]| {
-        let key = |time_s, [x, y]: [f64; 2]| Key {
-            time_s,
-            position_m: [x, along * y],
-            force_n: 1.5,
-            radius_m: 0.01,
-        };
-        let keys = vec![key(0.2, from), key(0.5, to)];
-        Finger { id, tip, interpolation: Interpolation::Linear, keys }
+/// Two frames without touch, then two fingers, one of which moves.
+fn fingers(along: f64) -> TouchScript {
+    let strokes = |id, tip, places: [[f64; 2]; 2]| {
+        let [from, to] = places.map(|[x, y]| [x, along * y]);
+        finger(id, tip, vec![key(0.2, from, 1.5), key(0.5, to, 1.5)])
     };
-    TouchScript {
-        name: "two".to_owned(),
-        frame_rate_hz: 10.0,
-        frames: 6,
-        quiet_frames: 2,
-        fingers: vec![
-            finger(1, Tip::Round, [0.03, -0.02], [0.03, -0.02]),
-            finger(2, Tip::Flat, [-0.05, 0.0], [-0.05, 0.03]),
-        ],
-    }
+    let rests = strokes(1, Tip::Round, [[0.03, -0.02]; 2]);
+    script(6, 2, vec![rests, strokes(2, Tip::Flat, [[-0.05, 0.0], [-0.05, 0.03]])])
 }
 
-fn simulate(mesh: &Mesh, script: &TouchScript) -> Result<Simulation, FemError> {
-    let mut settings = FabricSettings::default();
+fn simulate(mesh: &Mesh, script: &TouchScript, pixels: usize) -> Result<Simulation, FemError> {
     // the weave is drawn as seen from +z, and the reach of friction follows from the extent along x and y
-    settings.weave.amplitude = 0.0;
-    settings.membrane.friction = 0.0;
-    let protocol = PairProtocol::default().protocol()?;
-    let fabric = Fabric::new(mesh, &protocol, 1e-5, &[1e3; 16], &settings)?;
-    let raster = Raster::new(mesh.surface(), 64).unwrap();
-    let how = SimulationSettings { keep_elements: true, ..Default::default() };
-    fabric.simulate(script, &raster, &how, &mut |_| {})
-}
-
-fn generated(shape: SkinShape) -> Mesh {
-    let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
-    generate(&shape, &electrodes, &MeshSettings::with_edge(0.012)).unwrap()
+    let settings = changed(FabricSettings::default(), |s| {
+        (s.weave.amplitude, s.membrane.friction) = (0.0, 0.0)
+    });
+    try_simulate(mesh, &try_fabric(mesh, &settings)?, script, pixels)
 }
 
 /// What happens on a disc does not depend on how it lies in space: dents, moving nodes, contacts and conductivities of a
 /// disc that is tilted by 50 degrees are those of the disc.
 #[test]
 fn a_tilted_disc_is_a_disc() {
-    let flat = generated(SkinShape::Disc { radius_m: 0.1 });
+    let flat = disc(0.012);
     let (sin, cos) = 50_f64.to_radians().sin_cos();
-    let nodes = flat.surface().nodes().iter().map(|&[x, y, _]| [x, cos * y, sin * y]).collect();
-    let surface = Surface::new(nodes, flat.surface().triangles().to_vec()).unwrap();
-    let tilted = Mesh::new(surface, flat.electrodes().to_vec()).unwrap();
-    let [wanted, found] =
-        [(&flat, 1.0), (&tilted, cos)].map(|(mesh, along)| simulate(mesh, &script(along)).unwrap());
-    let largest = wanted.exact_v.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    let touched = &wanted.exact_v.row(4) - &wanted.exact_v.row(0);
-    let change = touched.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    assert!(change > 1e-3 * largest, "{change} {largest}");
+    let tilted = moved(&flat, |[x, y, _]| [x, cos * y, sin * y]);
+    let [wanted, found] = [(&flat, 1.0), (&tilted, cos)]
+        .map(|(mesh, along)| simulate(mesh, &fingers(along), 64).unwrap());
+    let change = largest(&(&wanted.exact_v.row(4) - &wanted.exact_v.row(0)));
+    assert!(change > 1e-3 * largest(&wanted.exact_v), "{change}");
     // solves are accurate to 1e-10 of the largest voltage or better
-    let off = (&found.exact_v - &wanted.exact_v).iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let off = largest(&(&found.exact_v - &wanted.exact_v));
     assert!(off < 1e-7 * change, "{off} {change}");
-    let shifts = |made: &Simulation, f: usize, l: usize| {
-        (0..3).map(|k| made.truth.electrode_shift_m[[f, l, k]].powi(2)).sum::<f64>().sqrt()
-    };
     for l in 0..16 {
-        let (one, other) = (shifts(&wanted, 4, l), shifts(&found, 4, l));
+        let shift_m =
+            |made: &Simulation| norm([0, 1, 2].map(|k| made.truth.electrode_shift_m[[4, l, k]]));
+        let (one, other) = (shift_m(&wanted), shift_m(&found));
         assert!((one - other).abs() < 1e-12, "{l}: {one} {other}");
     }
     // forces: pressures integrate to them over the skin, whose pixels are longer than they look
@@ -87,15 +58,14 @@ fn a_tilted_disc_is_a_disc() {
 /// Every built-in script runs on a dome, and a place beside it is refused.
 #[test]
 fn a_dome_is_pressed() {
-    let dome = generated(SkinShape::Hemisphere { radius_m: 0.1 });
+    let dome = dome(0.02);
     for name in TouchScript::BUILT_IN {
         let mut script = TouchScript::built_in(name, &PlayCircle::of(&dome), 3).unwrap();
         script.frames = script.frames.min(script.quiet_frames + 40);
-        let made = simulate(&dome, &script).unwrap();
+        let made = simulate(&dome, &script, 16).unwrap();
         assert!(made.report.least_area_ratio > 0.3, "{name}: {}", made.report.least_area_ratio);
         assert!(!made.truth.touches.is_empty(), "{name}");
     }
-    let mut beside = script(1.0);
-    beside.fingers[0].keys[0].position_m = [0.09, 0.09];
-    assert!(matches!(simulate(&dome, &beside), Err(FemError::OutsideSkin { finger: 1, .. })));
+    let beside = changed(fingers(1.0), |s| s.fingers[0].keys[0].position_m = [0.09, 0.09]);
+    assert!(matches!(simulate(&dome, &beside, 16), Err(FemError::OutsideSkin { finger: 1, .. })));
 }

@@ -1,6 +1,7 @@
 //! Random paths stay inside and apart, keep their speed, and are determined by the seed.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
+use crate::common::RADIUS_M;
+use crate::common::skins::disc;
 use eit_fem::FemError;
 use eit_fem::fabric::{PlayCircle, RandomPaths, Tip, TouchScript};
 use eit_mesh::Outline;
@@ -10,7 +11,7 @@ const STEPS_M: [f64; 2] = [0.002, 0.012];
 
 /// Play circle of the paper's disc.
 fn circle() -> PlayCircle {
-    PlayCircle::of_outline(&Outline::disc(0.1).unwrap()).unwrap()
+    PlayCircle::of_outline(&Outline::disc(RADIUS_M).unwrap()).unwrap()
 }
 
 fn paths() -> RandomPaths {
@@ -107,10 +108,13 @@ fn paths_that_cannot_be_are_refused() {
         let message = paths.script(&circle()).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     };
-    refused(RandomPaths { fingers: 0, ..paths() }, "fingers is 0: it must be from 1 to 4");
-    refused(RandomPaths { fingers: 5, ..paths() }, "fingers is 5: it must be from 1 to 4");
-    refused(RandomPaths { frames: 0, ..paths() }, "frames is 0");
-    refused(RandomPaths { frames: usize::MAX, ..paths() }, "frames is");
+    for fingers in [0, 5] {
+        let words = format!("fingers is {fingers}: it must be from 1 to 4");
+        refused(RandomPaths { fingers, ..paths() }, &words);
+    }
+    for frames in [0, usize::MAX] {
+        refused(RandomPaths { frames, ..paths() }, "frames is");
+    }
     for step_m in [-1e-3, 0.09, f64::NAN, f64::INFINITY] {
         refused(RandomPaths { step_m, ..paths() }, "step_m is");
     }
@@ -119,11 +123,7 @@ fn paths_that_cannot_be_are_refused() {
     }
     refused(RandomPaths { fingers: 2, apart_m: 0.164, ..paths() }, "cannot stay 0.164 m apart");
     // force, radius and rate are validated as for any script
-    let mesh = {
-        let skin = eit_mesh::SkinShape::Disc { radius_m: 0.1 };
-        let electrodes = eit_mesh::RimElectrodes::equally_spaced(8, 0.01);
-        eit_mesh::generate(&skin, &electrodes, &eit_mesh::MeshSettings::with_edge(0.02)).unwrap()
-    };
+    let mesh = disc(0.02);
     for radius_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let script = RandomPaths { radius_m, ..paths() }.script(&circle()).unwrap();
         assert!(script.validate(&mesh).is_err(), "{radius_m}");
@@ -134,16 +134,8 @@ fn paths_that_cannot_be_are_refused() {
 fn a_centroid_off_the_skin_has_no_play_circle() {
     let square = |half: f64| vec![[-half, -half], [half, -half], [half, half], [-half, half]];
     let ring = Outline::polygon(&square(0.1), &[square(0.02)]).unwrap();
-    let corners = [
-        [0.0, 0.0],
-        [0.2, 0.0],
-        [0.2, 0.2],
-        [0.0, 0.2],
-        [0.0, 0.18],
-        [0.18, 0.18],
-        [0.18, 0.02],
-        [0.0, 0.02],
-    ];
+    let [a, b, c, d] = [0.0, 0.02, 0.18, 0.2];
+    let corners = [[a, a], [d, a], [d, d], [a, d], [a, c], [c, c], [c, b], [a, b]];
     let bracket = Outline::polygon(&corners, &[]).unwrap();
     for outline in [ring, bracket] {
         let error = PlayCircle::of_outline(&outline).unwrap_err();

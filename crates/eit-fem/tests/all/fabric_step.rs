@@ -1,30 +1,14 @@
 //! A skin that is stepped: the frames of a script, errors, changing times between frames, and derivatives instead of solves.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
+use crate::common::skins::{disc, dome, fabric, finger, key, script};
+use eit_fem::FemError;
 use eit_fem::fabric::{
-    Contact, Fabric, FabricSettings, Finger, Interpolation, Key, LinearResponse, PlayCircle,
-    SimulatedSkin, SimulationSettings, Tip, TouchScript,
+    Contact, Fabric, FabricSettings, LinearResponse, PlayCircle, SimulatedSkin, SimulationSettings,
+    Tip, TouchScript,
 };
-use eit_fem::{FemError, PairProtocol};
-use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
+use eit_mesh::{Mesh, Raster};
 
 const SEED: u64 = 5;
-
-fn disc(edge_m: f64) -> Mesh {
-    generated(&SkinShape::Disc { radius_m: 0.1 }, edge_m)
-}
-
-fn generated(shape: &SkinShape, edge_m: f64) -> Mesh {
-    let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
-    generate(shape, &electrodes, &MeshSettings::with_edge(edge_m)).unwrap()
-}
-
-fn fabric(mesh: &Mesh, change: impl FnOnce(&mut FabricSettings)) -> Fabric {
-    let mut settings = FabricSettings::default();
-    change(&mut settings);
-    let protocol = PairProtocol::default().protocol().unwrap();
-    Fabric::new(mesh, &protocol, 1e-5, &[1e3; 16], &settings).unwrap()
-}
 
 /// The fingers of a script at a frame.
 fn contacts(script: &TouchScript, frame: usize) -> Vec<Contact> {
@@ -38,11 +22,13 @@ fn contacts(script: &TouchScript, frame: usize) -> Vec<Contact> {
     script.touches(frame).into_iter().map(contact).collect()
 }
 
-fn script(mesh: &Mesh, name: &str, frames: usize) -> TouchScript {
-    let mut script = TouchScript::built_in(name, &PlayCircle::of(mesh), SEED).unwrap();
-    script.frames = script.frames.min(frames);
-    script
+fn built_in(mesh: &Mesh, name: &str) -> TouchScript {
+    let script = TouchScript::built_in(name, &PlayCircle::of(mesh), SEED).unwrap();
+    TouchScript { frames: script.frames.min(45), ..script }
 }
+
+const FINGER: Contact =
+    Contact { finger: 1, tip: Tip::Round, position_m: [0.03, 0.01], force_n: 1.0, radius_m: 0.01 };
 
 /// Every process of fabric and instrument, stepped with the contacts of a script's frames, gives its frames to the last bit.
 #[test]
@@ -64,7 +50,7 @@ fn steps_are_the_frames_of_a_script() {
     };
     for fabric in [fabric(&mesh, |_| {}), fabric(&mesh, rough), fabric(&mesh, linear)] {
         for name in ["two-fingers", "random", "tapping"] {
-            let script = script(&mesh, name, 70);
+            let script = built_in(&mesh, name);
             let how = SimulationSettings { seed: SEED, threads: 2, keep_elements: false };
             let made = fabric.simulate(&script, &raster, &how, &mut |_| {}).unwrap();
             let mut skin = SimulatedSkin::new(&fabric, SEED).unwrap();
@@ -90,22 +76,9 @@ fn contacts_move_within_a_scan() {
     let mesh = disc(0.016);
     let raster = Raster::new(mesh.surface(), 16).unwrap();
     let fabric = fabric(&mesh, |s| s.instrument.scan_share = 0.9);
-    let key = |frame: f64, x_m, force_n| Key {
-        time_s: (frame + 0.5) / 10.0,
-        position_m: [x_m, 0.02],
-        force_n,
-        radius_m: 0.01,
-    };
-    let keys =
-        vec![key(3.0, 0.0, 0.0), key(4.0, 0.0, 1.0), key(8.0, 0.04, 0.5), key(9.0, 0.04, 0.0)];
-    let finger = Finger { id: 1, tip: Tip::Round, interpolation: Interpolation::Linear, keys };
-    let script = TouchScript {
-        name: "stroke".into(),
-        frame_rate_hz: 10.0,
-        frames: 14,
-        quiet_frames: 2,
-        fingers: vec![finger],
-    };
+    let keys = [(3.0, 0.0, 0.0), (4.0, 0.0, 1.0), (8.0, 0.04, 0.5), (9.0, 0.04, 0.0)];
+    let keys = keys.map(|(frame, x, force_n)| key((frame + 0.5) / 10.0, [x, 0.02], force_n));
+    let script = script(14, 2, vec![finger(1, Tip::Round, keys.to_vec())]);
     let how = SimulationSettings { seed: SEED, ..Default::default() };
     let made = fabric.simulate(&script, &raster, &how, &mut |_| {}).unwrap();
     // of twice as many frames, every second one lies half a frame later
@@ -126,29 +99,27 @@ fn contacts_move_within_a_scan() {
 fn an_error_leaves_the_skin_as_it_was() {
     let mesh = disc(0.016);
     let fabric = fabric(&mesh, |_| {});
-    let finger = Contact { position_m: [0.03, 0.01], force_n: 1.0, ..Contact::default() };
-    let (mut one, mut other) =
-        (SimulatedSkin::new(&fabric, 1).unwrap(), SimulatedSkin::new(&fabric, 1).unwrap());
+    let [mut one, mut other] = [(); 2].map(|()| SimulatedSkin::new(&fabric, 1).unwrap());
     let wrong = [
-        (Contact { position_m: [0.3, 0.0], ..finger }, 0.1),
-        (Contact { force_n: 1e4, ..finger }, 0.1),
-        (Contact { force_n: -1.0, ..finger }, 0.1),
-        (Contact { radius_m: 0.0, ..finger }, 0.1),
-        (Contact { position_m: [f64::NAN, 0.0], ..finger }, 0.1),
-        (finger, 0.0),
-        (finger, f64::INFINITY),
-        (finger, f64::MIN_POSITIVE),
-        (finger, 1e9),
+        (Contact { position_m: [0.3, 0.0], ..FINGER }, 0.1),
+        (Contact { force_n: 1e4, ..FINGER }, 0.1),
+        (Contact { force_n: -1.0, ..FINGER }, 0.1),
+        (Contact { radius_m: 0.0, ..FINGER }, 0.1),
+        (Contact { position_m: [f64::NAN, 0.0], ..FINGER }, 0.1),
+        (FINGER, 0.0),
+        (FINGER, f64::INFINITY),
+        (FINGER, f64::MIN_POSITIVE),
+        (FINGER, 1e9),
     ];
     for k in 0..4 {
         for (contact, dt_s) in wrong {
             one.step(&[contact], dt_s).unwrap_err();
         }
-        let moved = Contact { position_m: [0.03, 0.01 * f64::from(k)], ..finger };
+        let moved = Contact { position_m: [0.03, 0.01 * f64::from(k)], ..FINGER };
         let wanted = other.step(&[moved], 0.05).unwrap().values_v.to_vec();
         assert_eq!(one.step(&[moved], 0.05).unwrap().values_v, wanted);
     }
-    let error = one.step(&[Contact { position_m: [0.3, 0.0], ..finger }], 0.05).unwrap_err();
+    let error = one.step(&[Contact { position_m: [0.3, 0.0], ..FINGER }], 0.05).unwrap_err();
     assert!(matches!(error, FemError::OutsideSkin { finger: 1, x_m: 0.3, .. }), "{error}");
 }
 
@@ -161,14 +132,13 @@ fn time_passes_at_any_rate() {
         s.drift.conductivity = 0.05;
         s.drift.warming_per_min = 0.5;
     });
-    let finger = Contact { position_m: [0.03, 0.01], force_n: 1.0, ..Contact::default() };
     let last = |steps: &[(usize, f64)]| {
         let mut skin = SimulatedSkin::new(&fabric, 1).unwrap();
         let mut last = (0.0, Vec::new());
-        skin.step(&[finger], steps[0].1).unwrap();
+        skin.step(&[FINGER], steps[0].1).unwrap();
         for &(count, dt_s) in steps {
             for _ in 0..count {
-                let frame = skin.step(&[finger], dt_s).unwrap();
+                let frame = skin.step(&[FINGER], dt_s).unwrap();
                 last = (frame.time_s, frame.exact_v.to_vec());
             }
         }
@@ -208,31 +178,30 @@ fn distance(fabric: &Fabric, script: &TouchScript) -> f64 {
 #[test]
 fn linearised_frames_are_near_solved_ones() {
     let mesh = disc(0.007);
-    let quiet = |s: &mut FabricSettings| (s.drift.conductivity, s.drift.contact) = (0.0, 0.0);
-    let still = |s: &mut FabricSettings| {
-        quiet(s);
-        s.membrane.moves_nodes = false;
+    let quiet = |mesh: &Mesh, change: fn(&mut FabricSettings)| {
+        fabric(mesh, |s| {
+            (s.drift.conductivity, s.drift.contact) = (0.0, 0.0);
+            change(s);
+        })
     };
     let knit = |s: &mut FabricSettings| {
-        quiet(s);
         (s.weave.ratio, s.weave.angle_deg) = (1.7, 20.0);
         (s.print.ratio, s.piezo.ring) = (1.4, 0.3);
     };
     let linear = |s: &mut FabricSettings| {
-        quiet(s);
         s.linear = Some(LinearResponse { change_per_newton: 0.02 });
     };
     // measured 0.006, 0.06, 0.09, 0.001 and 0.15: strains of solved frames are those of elements of 7 mm, a contact's radius,
     // and those of linearised ones are exact
     let cases = [
-        ("nodes at rest", fabric(&mesh, still), 0.02),
-        ("fabric", fabric(&mesh, quiet), 0.1),
-        ("knit", fabric(&mesh, knit), 0.15),
-        ("linear", fabric(&mesh, linear), 0.01),
-        ("dome", fabric(&generated(&SkinShape::Hemisphere { radius_m: 0.1 }, 0.009), quiet), 0.2),
+        ("nodes at rest", quiet(&mesh, |s| s.membrane.moves_nodes = false), 0.02),
+        ("fabric", quiet(&mesh, |_| {}), 0.1),
+        ("knit", quiet(&mesh, knit), 0.15),
+        ("linear", quiet(&mesh, linear), 0.01),
+        ("dome", quiet(&dome(0.009), |_| {}), 0.2),
     ];
     for (name, fabric, bound) in cases {
-        for script in [script(&mesh, "two-fingers", 45), script(&mesh, "stroking", 45)] {
+        for script in ["two-fingers", "stroking"].map(|name| built_in(&mesh, name)) {
             let distance = distance(&fabric, &script);
             println!("{name}, {}: {distance:.4}", script.name);
             assert!(distance < bound, "{name}, {}: {distance}", script.name);
@@ -244,15 +213,14 @@ fn linearised_frames_are_near_solved_ones() {
 #[test]
 fn what_is_not_linear_is_refused() {
     let mesh = disc(0.02);
-    let loose = fabric(&mesh, |s| s.instrument.loose = vec![2]);
-    let limited = fabric(&mesh, |s| s.instrument.compliance_v = Some(5.0));
-    let leaking = fabric(&mesh, |s| s.instrument.common_mode_db = Some(50.0));
-    for (fabric, quantity) in [
-        (loose, "number of loose contacts"),
-        (limited, "compliance_v"),
-        (leaking, "common_mode_db"),
-    ] {
-        let error = SimulatedSkin::linearised(&fabric, 1).unwrap_err();
+    type Change = fn(&mut FabricSettings);
+    let refused: [(&str, Change); 3] = [
+        ("number of loose contacts", |s| s.instrument.loose = vec![2]),
+        ("compliance_v", |s| s.instrument.compliance_v = Some(5.0)),
+        ("common_mode_db", |s| s.instrument.common_mode_db = Some(50.0)),
+    ];
+    for (quantity, change) in refused {
+        let error = SimulatedSkin::linearised(&fabric(&mesh, change), 1).unwrap_err();
         assert!(error.to_string().contains(quantity), "{error}");
     }
 }

@@ -1,6 +1,14 @@
 //! Tests of the crate, in one program: linking one is faster than linking 24. Those of one file:
 //! `cargo test --release -p eit-fem --test all FILE::`.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
+
 mod common;
 
 mod accurate;
@@ -35,7 +43,6 @@ mod properties;
 mod protocol;
 mod quadratic;
 mod quadratic_rates;
-mod reference;
 #[cfg(feature = "serde")]
 mod serde;
 mod sparse;

@@ -1,31 +1,15 @@
 //! The mesh chosen for a required accuracy is fine enough, but not much finer than needed.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests"
-)]
 
-use crate::common::{largest, paper_voltages};
+use crate::common::{
+    CONDUCTIVITY_S, IMPEDANCE_OHM_M, PAPER_VOLTAGES, RADIUS_M, WIDTH_M, even, model_of,
+    paper_electrodes, paper_protocol, relative,
+};
 use eit_fem::{
     ChosenMesh, ElementOrder, FemError, ForwardModel, MeshSearch, PairProtocol, Protocol,
     RequiredAccuracy,
 };
-use eit_mesh::{
-    Direction, Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape, generate,
-    generate_placed,
-};
+use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, SkinShape, generate, generate_placed};
 use ndarray::Array1;
-
-const RADIUS_M: f64 = 0.1;
-const WIDTH_M: f64 = 0.0196;
-const CONDUCTIVITY_S: f64 = 1e-5;
-const IMPEDANCE_OHM_M: f64 = 1e3;
-
-fn protocol() -> Protocol {
-    PairProtocol::default().protocol().unwrap()
-}
 
 fn search<'a>(protocol: &'a Protocol, impedance: &'a [f64], accuracy: f64) -> MeshSearch<'a> {
     MeshSearch {
@@ -39,22 +23,21 @@ fn search<'a>(protocol: &'a Protocol, impedance: &'a [f64], accuracy: f64) -> Me
 }
 
 fn disc(scale: f64) -> Result<Mesh, FemError> {
-    let direction = Direction::Counterclockwise;
-    let placement = Placement::EquallySpaced { count: 16, first_angle_deg: 0.0, direction };
-    let electrodes = RimElectrodes { width_m: WIDTH_M, placement };
     let skin = SkinShape::Disc { radius_m: RADIUS_M };
     let settings = MeshSettings::default().similar(&skin, WIDTH_M, scale).unwrap();
-    Ok(generate(&skin, &electrodes, &settings).unwrap())
+    Ok(generate(&skin, &paper_electrodes(), &settings).unwrap())
 }
 
-fn true_error(chosen: &ChosenMesh, protocol: &Protocol, exact: &Array1<f64>) -> f64 {
-    let count = protocol.electrodes();
-    let impedance = vec![IMPEDANCE_OHM_M; count];
-    let model =
-        ForwardModel::with_element_order(&chosen.mesh, protocol, &impedance, chosen.element_order)
-            .unwrap();
-    let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
-    largest(&(voltages - exact)) / largest(exact)
+/// Checks the error of a chosen mesh. It may exceed the requirement by a half, because the error
+/// estimate is approximate on irregular meshes (the largest ratio found is in
+/// docs/validation/forward.md).
+fn assert_error(chosen: &ChosenMesh, protocol: &Protocol, impedance: &[f64], exact: &Array1<f64>) {
+    let model = model_of(&chosen.mesh, protocol, impedance, chosen.element_order);
+    let error = relative(&even(&model, CONDUCTIVITY_S), exact);
+    let required = chosen.required;
+    println!("{required:.0e}: {}, true {error:.1e}", description(chosen));
+    assert!(chosen.error <= required);
+    assert!(error < 1.5 * required, "{error:e} for {required:e}");
 }
 
 fn description(chosen: &ChosenMesh) -> String {
@@ -64,28 +47,23 @@ fn description(chosen: &ChosenMesh) -> String {
 
 /// Against the mesh-free series, for each order of elements and for the cheaper of the two.
 ///
-/// The error may exceed the requirement by a half, because the error estimate is approximate on
-/// irregular meshes (the largest ratio found is in docs/validation/forward.md). All coarser meshes of the
-/// search must miss the requirement.
+/// All coarser meshes of the search must miss the requirement.
 #[test]
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
-    let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
-    let exact = paper_voltages(16, 4000);
+    let (protocol, impedance) = (paper_protocol(), [IMPEDANCE_OHM_M; 16]);
+    let exact = &PAPER_VOLTAGES[1];
     for kind in [None, Some(ElementOrder::Linear), Some(ElementOrder::Quadratic)] {
-        let accuracies: &[f64] = if kind == Some(ElementOrder::Linear) {
-            &[1e-2, 3e-3, 1e-3]
-        } else {
-            &[1e-2, 1e-3, 1e-4, 1e-5]
+        let accuracies: &[f64] = match kind {
+            None => &[1e-2, 1e-4],
+            Some(ElementOrder::Linear) => &[1e-2, 3e-3, 1.5e-3],
+            Some(ElementOrder::Quadratic) => &[1e-2, 1e-3, 1e-4, 1e-5],
         };
         let mut nodes = 0;
         for &accuracy in accuracies {
             let search =
                 MeshSearch { element_order: kind, ..search(&protocol, &impedance, accuracy) };
             let chosen = search.run(disc).unwrap();
-            let error = true_error(&chosen, &protocol, &exact);
-            println!("{accuracy:.0e}: {}, true {error:.1e}", description(&chosen));
-            assert!(chosen.error <= accuracy);
-            assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
+            assert_error(&chosen, &protocol, &impedance, exact);
             assert!(kind.is_none_or(|kind| kind == chosen.element_order));
             // higher accuracy needs finer meshes
             let found = chosen.mesh.surface().nodes().len();
@@ -102,7 +80,7 @@ fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
 /// An accuracy in volts gives the same mesh as the same accuracy relative to the largest voltage.
 #[test]
 fn volts_are_measured_by_the_largest_voltage() {
-    let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
+    let (protocol, impedance) = (paper_protocol(), [IMPEDANCE_OHM_M; 16]);
     let relative = search(&protocol, &impedance, 1e-3).run(disc).unwrap();
     let volts = RequiredAccuracy::Volts(1e-3 * relative.largest_v);
     let search = MeshSearch { required: volts, ..search(&protocol, &impedance, 0.5) };
@@ -137,51 +115,37 @@ fn chosen_meshes_of_a_plate_with_patches() {
     };
     let fine = mesh(0.07).unwrap();
     println!("judged by {} nodes", fine.surface().nodes().len());
-    let model =
-        ForwardModel::with_element_order(&fine, &protocol, &impedance, ElementOrder::Quadratic)
-            .unwrap();
-    let exact = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
+    let exact =
+        even(&model_of(&fine, &protocol, &impedance, ElementOrder::Quadratic), CONDUCTIVITY_S);
     for accuracy in [1e-2, 1e-3, 1e-4] {
         let chosen = search(&protocol, &impedance, accuracy).run(mesh).unwrap();
-        let model = ForwardModel::with_element_order(
-            &chosen.mesh,
-            &protocol,
-            &impedance,
-            chosen.element_order,
-        )
-        .unwrap();
-        let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
-        let error = largest(&(voltages - &exact)) / largest(&exact);
-        println!("{accuracy:.0e}: {}, true {error:.1e}", description(&chosen));
-        assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
+        assert_error(&chosen, &protocol, &impedance, &exact);
     }
 }
 
 /// Shunts support linear elements only, whose error is then estimated from finer linear elements.
 #[test]
 fn shunts_are_searched_with_linear_elements() {
-    let protocol = protocol();
+    let protocol = paper_protocol();
     let mut impedance = [IMPEDANCE_OHM_M; 16];
     impedance[3] = 0.0;
-    let chosen = search(&protocol, &impedance, 5e-3).run(disc).unwrap();
+    let chosen = search(&protocol, &impedance, 2e-2).run(disc).unwrap();
     assert_eq!(chosen.element_order, ElementOrder::Linear);
-    assert!(chosen.error <= 5e-3);
+    assert!(chosen.error <= 2e-2);
     assert!(chosen.trials.iter().all(|t| t.element_order == ElementOrder::Linear));
     println!("shunt: {}", description(&chosen));
 }
 
 #[test]
 fn what_cannot_be_had_is_refused_with_what_can() {
-    let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
+    let (protocol, impedance) = (paper_protocol(), [IMPEDANCE_OHM_M; 16]);
     let few = MeshSearch { most_nodes: 2000, ..search(&protocol, &impedance, 1e-9) };
-    match few.run(disc).unwrap_err() {
-        FemError::NoMeshSuffices { reached, nodes, required, most_nodes } => {
-            assert!(reached > 1e-6 && reached < 1e-3, "{reached}");
-            assert!(nodes < 1200 && most_nodes == 2000, "{nodes}");
-            assert!((required - 1e-9).abs() < 1e-20);
-        }
-        other => panic!("{other}"),
-    }
+    let error = few.run(disc).unwrap_err();
+    let FemError::NoMeshSuffices { reached, nodes, required, most_nodes: 2000 } = error else {
+        panic!("{error}")
+    };
+    assert!(reached > 1e-6 && reached < 1e-3 && nodes < 1200, "{reached} {nodes}");
+    assert!((required - 1e-9).abs() < 1e-20);
     for bad in [0.0, -1.0, 1.0, f64::NAN, f64::INFINITY] {
         let error = search(&protocol, &impedance, bad).run(disc).unwrap_err();
         assert!(matches!(error, FemError::OutOfRange { .. }), "{bad}: {error}");
@@ -198,15 +162,13 @@ fn what_cannot_be_had_is_refused_with_what_can() {
 /// For single meshes, the estimate agrees with the series within a factor of 1.5.
 #[test]
 fn linear_elements_are_judged_by_quadratic_ones_on_the_same_mesh() {
-    let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
-    let exact = paper_voltages(16, 4000);
+    let (protocol, impedance) = (paper_protocol(), [IMPEDANCE_OHM_M; 16]);
     for scale in [1.0, 0.4, 0.15] {
         let mesh = disc(scale).unwrap();
         let nodes = mesh.surface().nodes().len();
         let found = search(&protocol, &impedance, 0.5).of_linear(&mesh).unwrap().error;
         let model = ForwardModel::new(&mesh, &protocol, &impedance).unwrap();
-        let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
-        let error = largest(&(voltages - &exact)) / largest(&exact);
+        let error = relative(&even(&model, CONDUCTIVITY_S), &PAPER_VOLTAGES[1]);
         println!("{nodes} nodes: estimated {found:.2e}, true {error:.2e}");
         assert!(found / error < 1.5 && error / found < 1.5, "{found:e} for {error:e}");
     }

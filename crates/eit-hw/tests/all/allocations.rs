@@ -2,111 +2,26 @@
 
 use std::hint::black_box;
 
-use crate::common::rotated;
-use crate::common::wire::eits1_frame;
+use crate::common::recordings::frame;
+use crate::common::wire::{board_frame, eits1_frame, sciospec_frame};
+use crate::common::{place, rotated};
 use allocation_counter::measure;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
-use eit_hw::codec::{eits1, sciospec, text};
-use eit_hw::driver::{Decoded, Driver, Eits1, Polarity, Sciospec, SciospecSettings};
-use eit_hw::{Frame, Quality};
+use eit_hw::codec::text::TextFormat;
+use eit_hw::driver::{Board, Decoded, Driver, Eits1, Polarity, Sciospec, SciospecSettings};
+use eit_hw::{Frame, Layout};
 
-/// Frames that fill every buffer first, and frames for which allocations are counted.
+/// Frames, of which the first fill every buffer and are not counted.
+const FRAMES: u32 = 24;
 const WARM: usize = 4;
-const COUNTED: usize = 20;
 
-fn eits1_wire() -> Vec<Vec<u8>> {
-    let payload: Vec<u8> = (0..416).flat_map(|index| (index as f32).to_le_bytes()).collect();
-    let frame = |sequence| {
-        let mut wire = Vec::new();
-        let message = eits1::Message {
-            kind: eits1::Kind::Frame,
-            sequence,
-            device_time_us: 0,
-            flags: eits1::flags::COMPLEX,
-            count: 416,
-            payload: &payload,
-        };
-        eits1::encode(&message, &mut wire).unwrap();
-        wire
-    };
-    (0..(WARM + COUNTED) as u32).map(frame).collect()
-}
-
-fn sciospec_wire() -> Vec<Vec<u8>> {
-    let frame = |number: usize| {
-        let mut wire = Vec::new();
-        for drive in 1..17 {
-            let data = sciospec::DataFrame {
-                group: 1,
-                drive: Some([drive, drive % 16 + 1]),
-                frequency_row: Some(1),
-                time_ms: Some(number as u32),
-                potentials_v: [[0.25, f32::from(drive)]; 16],
-            };
-            sciospec::encode_data(&data, &mut wire);
-        }
-        wire
-    };
-    (0..WARM + COUNTED).map(frame).collect()
-}
-
-/// Feeds the first frames, then counts allocations while decoding the others.
-fn counted(frames: &[Vec<u8>], mut decode: impl FnMut(&[u8]) -> usize) -> (u64, usize) {
-    let warm: usize = frames[..WARM].iter().map(|wire| decode(wire)).sum();
-    black_box(warm);
-    let mut seen = 0;
-    let info = measure(|| {
-        for wire in &frames[WARM..] {
-            // in pieces, as they arrive
-            seen += wire.chunks(500).map(&mut decode).sum::<usize>();
-        }
-    });
-    (info.count_total, seen)
-}
-
-#[test]
-fn codecs_allocate_nothing_per_frame() {
-    let mut decoder = eits1::Decoder::new();
-    let mut decode = |bytes: &[u8]| {
-        let mut seen = 0;
-        decoder.push(bytes, &mut |event| {
-            seen += usize::from(matches!(event, eits1::Event::Message(_)));
-        });
-        seen
-    };
-    assert_eq!(counted(&eits1_wire(), &mut decode), (0, COUNTED));
-
-    let mut decoder = sciospec::Decoder::new(sciospec::Output::default());
-    let mut decode = |bytes: &[u8]| {
-        let mut seen = 0;
-        decoder.push(bytes, &mut |event| {
-            seen += usize::from(matches!(event, sciospec::Event::Data(_)));
-        });
-        seen
-    };
-    assert_eq!(counted(&sciospec_wire(), &mut decode), (0, 16 * COUNTED));
-
-    let line: String = (0..208).map(|index| format!("{}.5,", index)).collect();
-    let lines = vec![format!("{line}\r\n").into_bytes(); WARM + COUNTED];
-    let mut decoder = text::Decoder::new(text::TextFormat::csv(208)).unwrap();
-    let mut decode = |bytes: &[u8]| {
-        let mut seen = 0;
-        decoder.push(bytes, &mut |event| {
-            seen += usize::from(matches!(event, text::Event::Frame { .. }));
-        });
-        seen
-    };
-    assert_eq!(counted(&lines, &mut decode), (0, COUNTED));
-    // verifies that the counter counts
-    assert!(measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
-}
-
+/// With the codecs below them.
 #[test]
 fn drivers_allocate_nothing_per_frame() {
     let frames = |driver: &mut dyn Driver, bytes: &[u8]| {
         let mut seen = 0;
         driver.receive(bytes, &mut |decoded| {
-            seen += usize::from(matches!(decoded, Decoded::Frame(_)))
+            seen += usize::from(matches!(decoded, Decoded::Frame(_)));
         });
         seen
     };
@@ -114,32 +29,40 @@ fn drivers_allocate_nothing_per_frame() {
         polarity: Polarity::AsListed,
         ..SciospecSettings::for_quadruples(16, &rotated(16))
     };
-    let mut driver = Sciospec::new(settings).unwrap();
-    let found = counted(&sciospec_wire(), |bytes| frames(&mut driver, bytes));
-    assert_eq!(found, (0, COUNTED));
-
-    // a connection sets up complex values; real ones need none
-    let mut driver = Eits1::new(&rotated(16), 10.0, 1e-4, 0.0).unwrap();
+    let drives = |time_ms| {
+        (1..17).flat_map(move |drive| sciospec_frame(1, [drive, drive % 16 + 1], 1, time_ms))
+    };
+    let sciospec = (0..FRAMES).map(|number| drives(number).collect()).collect();
     let values: Vec<f32> = (0..208).map(|index| index as f32).collect();
-    let wire = |sequence| eits1_frame(sequence, 0, &values);
-    let wires: Vec<_> = (0..(WARM + COUNTED) as u32).map(wire).collect();
-    assert_eq!(counted(&wires, |bytes| frames(&mut driver, bytes)), (0, COUNTED));
+    let eits1 = (0..FRAMES).map(|sequence| eits1_frame(sequence, 0, &values)).collect();
+    let format = TextFormat::csv(208);
+    let text = vec![board_frame(&format, 0, 1); FRAMES as usize];
+    let board = Board::new("csv", 115_200, format, Layout::Quadruples(rotated(16)));
+    type Stream = (Box<dyn Driver>, Vec<Vec<u8>>);
+    let drivers: [Stream; 3] = [
+        (Box::new(Sciospec::new(settings).unwrap()), sciospec),
+        // a connection sets up complex values; real ones need none
+        (Box::new(Eits1::new(&rotated(16), 10.0, 1e-4, 0.0).unwrap()), eits1),
+        (board.driver().unwrap(), text),
+    ];
+    for (mut driver, wire) in drivers {
+        let mut decode = |bytes: &[u8]| frames(&mut *driver, bytes);
+        wire[..WARM].iter().for_each(|frame| _ = black_box(decode(frame)));
+        let mut seen = 0;
+        // in pieces, as they arrive
+        let pieces = wire[WARM..].iter().flat_map(|frame| frame.chunks(500));
+        let info = measure(|| seen = pieces.map(&mut decode).sum());
+        assert_eq!((info.count_total, seen), (0, FRAMES as usize - WARM), "{}", driver.name());
+    }
+    // verifies that the counter counts
+    assert!(measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
 /// Recording copies no frame; only the container allocates, per chunk.
 #[test]
 fn a_recorder_allocates_nothing_per_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
-    let frame = Frame {
-        values: (0..208).map(|index| f64::from(index).sin()).collect(),
-        imaginary: Some((0..208).map(|index| f64::from(index).cos()).collect()),
-        quality: vec![Quality::GOOD; 208],
-        sequence: 0,
-        epoch: 0,
-        device_time_s: Some(0.1),
-        host_time_s: Some(1.79e9),
-    };
+    let (_folder, path) = place("a.mcap");
+    let frame = Frame { imaginary: Some(frame(1).values), ..frame(0) };
     let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &SessionRecord::default(), settings).unwrap();
     // within one chunk only the container's list of messages grows, by doubling

@@ -1,14 +1,12 @@
-//! Files of several arrays, MATLAB's and NumPy's: every type of numbers, the choice of the array with
-//! the frames, damage and bombs.
+//! Files of several arrays, MATLAB's and NumPy's.
 
 use crate::common::arrays::{
     COMPLEX, DOUBLE, compressed, doubles, element, mat, matrix, npy, npy_of, npz,
 };
-use crate::common::parse;
+use crate::common::{parse, refused};
 use eit_hw::Format::{Mat, Npz};
 use eit_hw::{
-    Format, FrameOrientation, HwError, Note, ReadOptions, Recording, parse_recording,
-    read_recording,
+    Format, FrameOrientation, HwError, Note, ReadOptions, parse_recording, read_recording,
 };
 use ndarray::{Array2, array};
 
@@ -22,13 +20,6 @@ fn of_protocol(measurements: usize) -> ReadOptions {
 
 fn named(name: &str) -> ReadOptions {
     ReadOptions { array: Some(name.to_owned()), ..plain() }
-}
-
-fn refused(result: Result<Recording, HwError>, words: &[&str]) {
-    let message = result.unwrap_err().to_string();
-    for word in words {
-        assert!(message.contains(word), "{word:?} is not in {message:?}");
-    }
 }
 
 /// `scipy.mat` is of SciPy 1.17, `numpy.npz` of NumPy 2, both compressed: `v` = [[0.5, -2, 3], [4, 5, 6]],
@@ -56,21 +47,14 @@ fn files_of_scipy_and_numpy_are_read() {
 fn numbers_of_matlab_of_every_type() {
     let wanted = array![[1.0, 2.0, 4.0], [3.0, 5.0, 6.0]];
     let values = [1_u8, 3, 2, 5, 4, 6];
-    type Bytes = fn(u8) -> Vec<u8>;
-    let types: [(u32, Bytes); 10] = [
-        (1, |v| (v as i8).to_le_bytes().to_vec()),
-        (2, |v| vec![v]),
-        (3, |v| i16::from(v).to_le_bytes().to_vec()),
-        (4, |v| u16::from(v).to_le_bytes().to_vec()),
-        (5, |v| i32::from(v).to_le_bytes().to_vec()),
-        (6, |v| u32::from(v).to_le_bytes().to_vec()),
-        (7, |v| f32::from(v).to_le_bytes().to_vec()),
-        (9, |v| f64::from(v).to_le_bytes().to_vec()),
-        (12, |v| i64::from(v).to_le_bytes().to_vec()),
-        (13, |v| u64::from(v).to_le_bytes().to_vec()),
-    ];
-    for (kind, bytes) in types {
-        let data: Vec<u8> = values.iter().flat_map(|&value| bytes(value)).collect();
+    let whole = |v: u8| u64::from(v).to_le_bytes();
+    let floats = |v: u8| f32::from(v).to_le_bytes();
+    let doubles = |v: u8| f64::from(v).to_le_bytes();
+    // signed and unsigned numbers of 1, 2, 4 and 8 bytes
+    let sizes = [(1, 1), (2, 1), (3, 2), (4, 2), (5, 4), (6, 4), (12, 8), (13, 8)];
+    let of_size = |size: usize| values.map(|v| whole(v)[..size].to_vec()).concat();
+    let floats = [(7, values.map(floats).concat()), (9, values.map(doubles).concat())];
+    for (kind, data) in sizes.map(|(kind, size)| (kind, of_size(size))).into_iter().chain(floats) {
         let variable = matrix("v", DOUBLE, &[2, 3], &[element(kind, &data)]);
         for content in [variable.clone(), compressed(&variable)] {
             let recording = parse(Mat, mat(&[content]), &plain()).unwrap();
@@ -86,15 +70,10 @@ fn numbers_of_matlab_of_every_type() {
     let alternate = ReadOptions { complex: true, ..plain() };
     refused(parse(Mat, mat(&[variable]), &alternate), &["`[recording] complex`", "real numbers"]);
     // big-endian: words and numbers of 8 bytes, but for names
-    let swap = |bytes: &[u8], size: usize| -> Vec<u8> {
-        bytes
-            .chunks(size)
-            .flat_map(|chunk| chunk.iter().rev().copied().collect::<Vec<_>>())
-            .collect()
-    };
+    let swap = |bytes: &[u8]| bytes.chunks(4).flat_map(|word| word.iter().rev().copied()).collect();
     let data = [1.5_f64, -2.0].map(f64::to_be_bytes).concat();
     let little = matrix("", DOUBLE, &[1, 2], &[]);
-    let mut content = swap(&little[8..little.len() - 8], 4);
+    let mut content: Vec<u8> = swap(&little[8..little.len() - 8]);
     content.extend([0, 1, 0, 1, b'v', 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 16]);
     content.extend(data);
     let size = u32::try_from(content.len()).unwrap().to_be_bytes();
@@ -111,20 +90,16 @@ fn the_array_that_fits_the_protocol_is_read() {
     let others =
         [doubles("rate", &[1, 1]), doubles("time", &[5, 1]), doubles("place", &[2, 2]), text];
     let with = |shape: &[u32]| mat(&[&others[..], &[compressed(&doubles("v", shape))]].concat());
-    let note = |shape: &[usize], by_columns| Note::Array {
-        name: "v".into(),
-        shape: shape.to_vec(),
-        by_columns,
-    };
+    let note = |shape, by_columns| Note::Array { name: "v".into(), shape, by_columns };
     let counted = |rows: usize, columns: usize, at: fn((usize, usize)) -> usize| {
         Array2::from_shape_fn((rows, columns), |place| at(place) as f64)
     };
     let rows = parse(Mat, with(&[5, 6]), &of_protocol(6)).unwrap();
     assert_eq!(rows.real, counted(5, 6, |(frame, value)| frame + 5 * value));
-    assert_eq!(rows.notes, [note(&[5, 6], false)]);
+    assert_eq!(rows.notes, [note(vec![5, 6], false)]);
     let columns = parse(Mat, with(&[6, 5]), &of_protocol(6)).unwrap();
     assert_eq!(columns.real, counted(5, 6, |(frame, value)| 6 * frame + value));
-    assert_eq!(columns.notes, [note(&[6, 5], true)]);
+    assert_eq!(columns.notes, [note(vec![6, 5], true)]);
     assert!(columns.notes[0].to_string().contains("`v` [6, 5], a frame in each column"));
     // [frame, drive, electrode]: a drive after the other
     let drives = parse(Mat, with(&[5, 2, 3]), &of_protocol(6)).unwrap();
@@ -153,11 +128,7 @@ fn the_array_that_fits_the_protocol_is_read() {
     let single = mat(&[others[1].clone(), doubles("v", &[5, 6])]);
     assert_eq!(parse(Mat, &single, &plain()).unwrap().real.dim(), (5, 6));
     let other = parse(Mat, &single, &of_protocol(7)).unwrap();
-    refused_count(&other, 7);
-}
-
-fn refused_count(recording: &Recording, wanted: usize) {
-    let error = recording.frames_for(None, wanted, eit_hw::Component::Real).unwrap_err();
+    let error = other.frames_for(None, 7, eit_hw::Component::Real).unwrap_err();
     assert!(matches!(error, HwError::CountMismatch { found: 6, .. }), "{error}");
 }
 
@@ -170,10 +141,8 @@ fn an_array_that_cannot_be_told_is_asked_for() {
     let none = "no array has frames of the protocol's 7 measurements";
     refused(parse(Mat, &two, &of_protocol(7)), &[&both[..], &[none]].concat());
     refused(parse(Mat, &two, &plain()), &[&both[..], &["holds several arrays"]].concat());
-    refused(
-        parse(Mat, &two, &named("c")),
-        &[&both[..], &["no array of numbers named \"c\""]].concat(),
-    );
+    let none = "no array of numbers named \"c\"";
+    refused(parse(Mat, &two, &named("c")), &[&both[..], &[none]].concat());
     assert_eq!(parse(Mat, &two, &named("b")).unwrap().real.dim(), (6, 4));
     let structs = mat(&[matrix("s", 2, &[1, 1], &[]), matrix("c", 1, &[1, 1], &[])]);
     let words = ["no array of numbers", "`s` (a struct), `c` (a cell array)", "v = full(s.FIELD)"];
@@ -190,8 +159,7 @@ fn an_array_that_cannot_be_told_is_asked_for() {
     refused(parse(Mat, vec![0; 200], &plain()), &["not a MATLAB file of version 5", "'-v7'"]);
 }
 
-/// A file that is cut anywhere but between arrays is refused, and so is one with a changed byte in what
-/// a checksum protects; no damage panics.
+/// A file that is cut is refused, and so is a changed byte in what a checksum protects; no damage panics.
 #[test]
 fn damaged_files_are_refused() {
     let array = doubles("v", &[3, 4]);

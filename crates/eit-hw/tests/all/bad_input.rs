@@ -1,23 +1,14 @@
-//! Reads small files of each format with one error each: the message says on one line where and
-//! what it is, and how to fix it. One file, because all formats share the same helpers.
+//! Files with one error each: the message says on one line where and what it is, and how to fix it.
 
 use std::fs;
 
-use crate::common::{self, parse, table};
+use crate::common::arrays::{npy_bytes, npy_of};
+use crate::common::{parse, refused, rotated, table};
 use eit_hw::{
-    Format, FrameOrientation, HwError, Note, Quality, ReadOptions, Recording, SerialLogOptions,
-    parse_recording, read_recording,
+    Component, Format, FrameOrientation, HwError, Layout, Note, Quality, ReadOptions, Recording,
+    SerialLogOptions, parse_recording, read_recording,
 };
-
-/// Asserts that the error message is one line and contains all of `parts`.
-#[track_caller]
-fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
-    let message = result.err().expect("refused").to_string();
-    assert!(!message.contains('\n'), "{message}");
-    for part in parts {
-        assert!(message.contains(part), "`{part}` is not in: {message}");
-    }
-}
+use ndarray::array;
 
 fn csv_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
     parse(Format::Csv, text, &ReadOptions::default())
@@ -25,11 +16,8 @@ fn csv_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
 
 #[test]
 fn csv_layouts_that_are_read() {
-    let wanted = ndarray::array![[1.0, -2.5, 3e-6], [4.0, 5.0, 6.0]];
+    let wanted = array![[1.0, -2.5, 3e-6], [4.0, 5.0, 6.0]];
     for text in [
-        "1,-2.5,3e-6\n4,5,6\n",
-        "1;-2.5;3e-6\r\n4;5;6",
-        "1\t-2.5\t3e-6\r4\t5\t6\r",
         "  1   -2.5 3e-6\n\n4 5\t6  \n",
         "\u{FEFF}a, b, c\n1, -2.5, 3e-6,\n# comment\n4, 5, 6, # more\n",
     ] {
@@ -52,48 +40,39 @@ fn csv_layouts_that_are_read() {
         assert!(matches!(&read.notes[..], [Note::Stripped { .. }]), "{:?}", read.notes);
     }
     // a column of frame numbers beside the measurements; not one of values that grow otherwise
-    let rows = |first: &dyn Fn(i32) -> i32, rest: &str| -> String {
-        (0..5).map(|k| format!("{}{rest}\n", first(k))).collect()
+    let of = |first: fn(i32) -> i32, count| {
+        let row = |k| format!("{},9,8,7,6,5,4,3\n", first(k));
+        let read = csv_of((0..5).map(row).collect::<String>()).unwrap();
+        read.arranged_for(&Layout::ProtocolOrder, None, count)
     };
-    let wide = ",9,8,7,6,5,4,3";
-    let of = |first: &dyn Fn(i32) -> i32, count| {
-        csv_of(rows(first, wide)).unwrap().arranged_for(&eit_hw::Layout::ProtocolOrder, None, count)
-    };
-    let counted = of(&|k| 7 + 3 * k, 7);
+    let counted = of(|k| 7 + 3 * k, 7);
     assert_eq!((counted.value_count(), &counted.notes[..]), (7, &[Note::Counter][..]));
-    assert_eq!(of(&|k| 7 + 3 * k, 8).value_count(), 8);
-    assert_eq!(of(&|k| k * k, 7).value_count(), 8);
-    let columns = table(FrameOrientation::Columns, false);
-    let read = parse(Format::Csv, "1,4\n-2.5,5\n3e-6,6\n", &columns).unwrap();
-    assert_eq!(read.real, wanted);
-    let alternate = table(FrameOrientation::Rows, true);
-    let complex = parse(Format::Csv, "1,2\n3,4\n5,6\n7,8\n", &alternate).unwrap();
-    assert_eq!(complex.real, ndarray::array![[1.0, 2.0], [5.0, 6.0]]);
-    assert_eq!(complex.imaginary, Some(ndarray::array![[3.0, 4.0], [7.0, 8.0]]));
+    assert_eq!(of(|k| 7 + 3 * k, 8).value_count(), 8);
+    assert_eq!(of(|k| k * k, 7).value_count(), 8);
 }
 
 #[test]
 fn csv_faults() {
-    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "again"]);
-    refused(csv_of("# only a comment\n\n"), &["f.csv", "no complete frame"]);
-    refused(csv_of("a,b\n"), &["no complete frame"]);
-    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
-    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);
-    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "1234.5e-6"]);
-    refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
-    refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
+    let long = format!("1,{}\n", "y".repeat(500));
+    for (text, parts) in [
+        (&b""[..], &["f.csv", "empty (0 bytes)", "again"][..]),
+        (b"# only a comment\n\n", &["f.csv", "no complete frame"]),
+        (b"a,b\n", &["no complete frame"]),
+        (b"1,2\n3,4,5\n", &["f.csv, line 2", "3 values", "expected 2", "complete"]),
+        (b"1,2\n3\n", &["line 2", "1 values", "expected 2"]),
+        (b"1,2\n3,x4\n", &["line 2", "value 2", "\"x4\"", "1234.5e-6"]),
+        (b"a,b\nc,d\n", &["line 2", "value 1", "\"c\""]),
+        (b"1,,2\n", &["line 1", "value 2", "\"\""]),
+        (long.as_bytes(), &["yyy..."]),
+        (b"1,2\n\x00\x01", &["f.csv, byte 4", "0x00", "not text"]),
+        (b"1,2\xE9\n", &["byte 3", "0xE9"]),
+    ] {
+        refused(csv_of(text), parts);
+    }
     let columns = table(FrameOrientation::Columns, true);
     refused(parse(Format::Csv, "1,2,3\n", &columns), &["3 columns", "complex = false"]);
-    let long = format!("1,{}\n", "y".repeat(500));
-    refused(csv_of(&long), &["yyy..."]);
-    let binary = b"1,2\n\x00\x01";
-    refused(csv_of(binary), &["f.csv, byte 4", "0x00", "not text"]);
-    let latin = b"1,2\xE9\n";
-    refused(csv_of(latin), &["byte 3", "0xE9"]);
-    refused(
-        parse_recording(b"1,z\n", "a\nb.csv", Format::Csv, &ReadOptions::default()),
-        &["a?b.csv"],
-    );
+    let named = parse_recording(b"1,z\n", "a\nb.csv", Format::Csv, &ReadOptions::default());
+    refused(named, &["a?b.csv"]);
 }
 
 /// Files of other programs are named, with a way to convert them.
@@ -111,171 +90,170 @@ fn foreign_files_are_named() {
     }
 }
 
-/// Returns an NPY file of version 1.
-fn npy_bytes(header: &str, data: &[u8]) -> Vec<u8> {
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
-    bytes.extend(header.as_bytes());
-    bytes.extend(data);
-    bytes
-}
-
-fn npy_of(bytes: &[u8]) -> Result<Recording, HwError> {
+fn npy(bytes: impl AsRef<[u8]>) -> Result<Recording, HwError> {
     parse(Format::Npy, bytes, &ReadOptions::default())
 }
 
 fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError> {
-    let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}");
-    npy_of(&npy_bytes(&header, data))
+    npy(npy_of(descr, shape, data))
 }
 
 /// A comma is a separator; where all of them may be decimal ones, a note or the error says so.
 #[test]
 fn decimal_commas_that_read_as_two_numbers_are_named() {
-    let comma = |text: &str| {
-        let recording = csv_of(text).unwrap();
-        let pairs = recording.notes.contains(&eit_hw::Note::DecimalComma);
-        let count = recording.value_count();
-        let error = recording.frames_for(None, count / 2, eit_hw::Component::Real).unwrap_err();
-        (pairs, error.to_string().contains("the commas seem to be decimal ones, as in 1,5"))
+    let error_of = |recording: &Recording, count| {
+        recording.frames_for(None, count, Component::Real).unwrap_err().to_string()
     };
-    for text in ["1,5\n0,25\n-3,0\n", "volt\n0,5\n2,5\n", "1,5 # a comment\n+2,07\n"] {
-        assert_eq!(comma(text), (true, true), "{text:?}");
-    }
-    // a table of whole numbers is as likely
-    for text in ["1,5\n", "1,5\n2,3\n"] {
-        assert_eq!(comma(text), (true, false), "{text:?}");
-    }
-    for text in ["0,5,2,5\n", "1,05,-2,5\n3,0,4,25\n"] {
-        assert_eq!(comma(text), (false, true), "{text:?}");
-    }
-    // two numbers: a sign, a point, an exponent or a space after the comma, names of two columns
-    for text in
-        ["0,-5\n", "0,5\n2,-5\n", "0.1,5\n", "0,5\n1,5.0\n", "0, 5\n", "0,2e3\n", "a,b\n0,5\n"]
-    {
-        assert_eq!(comma(text), (false, false), "{text:?}");
+    for (text, is_noted, is_in_error) in [
+        ("1,5\n0,25\n-3,0\n", true, true),
+        ("volt\n0,5\n2,5\n", true, true),
+        ("1,5 # a comment\n+2,07\n", true, true),
+        // a table of whole numbers is as likely
+        ("1,5\n", true, false),
+        ("1,5\n2,3\n", true, false),
+        ("0,5,2,5\n", false, true),
+        ("1,05,-2,5\n3,0,4,25\n", false, true),
+        // two numbers: a sign, a point, an exponent or a space after the comma, names of two columns
+        ("0,-5\n", false, false),
+        ("0,5\n2,-5\n", false, false),
+        ("0.1,5\n", false, false),
+        ("0,5\n1,5.0\n", false, false),
+        ("0, 5\n", false, false),
+        ("0,2e3\n", false, false),
+        ("a,b\n0,5\n", false, false),
+    ] {
+        let recording = csv_of(text).unwrap();
+        let error = error_of(&recording, recording.value_count() / 2);
+        let is_told = error.contains("the commas seem to be decimal ones, as in 1,5");
+        let found = (recording.notes.contains(&Note::DecimalComma), is_told);
+        assert_eq!(found, (is_noted, is_in_error), "{text:?}");
     }
     let note = csv_of("1,5\n").unwrap().notes[0].to_string();
     assert!(note.contains("write 1.5"), "{note}");
     // as many frames as measurements, in columns: not taken for swapped rows
-    let column = csv_of(&"0,5\n".repeat(208)).unwrap();
-    let error = column.frames_for(None, 208, eit_hw::Component::Real).unwrap_err().to_string();
+    let error = error_of(&csv_of("0,5\n".repeat(208)).unwrap(), 208);
     assert!(error.contains("decimal ones") && !error.contains("swapped"), "{error}");
 }
 
 #[test]
 fn npy_types_that_are_read() {
-    let wanted = ndarray::array![[1.0, 2.0]];
-    let bytes = |parts: &[&[u8]]| parts.concat();
-    let floats = bytes(&[&1_f32.to_le_bytes(), &2_f32.to_le_bytes()]);
+    let wanted = array![[1.0, 2.0]];
+    let floats = [1_f32, 2.0].map(f32::to_le_bytes).concat();
     for (descr, data) in [
-        ("'<f4'", floats.clone()),
-        ("'>f4'", bytes(&[&1_f32.to_be_bytes(), &2_f32.to_be_bytes()])),
-        ("'<f8'", bytes(&[&1_f64.to_le_bytes(), &2_f64.to_le_bytes()])),
-        ("'>f8'", bytes(&[&1_f64.to_be_bytes(), &2_f64.to_be_bytes()])),
-        ("'|i1'", vec![1, 2]),
-        ("'|u1'", vec![1, 2]),
-        ("'<u2'", vec![1, 0, 2, 0]),
-        ("'>i2'", vec![0, 1, 0, 2]),
-        ("\"<i4\"", vec![1, 0, 0, 0, 2, 0, 0, 0]),
-        ("'<i8'", vec![1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]),
+        ("<f4", floats.clone()),
+        (">f4", [1_f32, 2.0].map(f32::to_be_bytes).concat()),
+        ("|i1", vec![1, 2]),
+        ("|u1", vec![1, 2]),
+        ("<u2", vec![1, 0, 2, 0]),
+        (">i2", vec![0, 1, 0, 2]),
+        ("<i4", vec![1, 0, 0, 0, 2, 0, 0, 0]),
+        ("<i8", vec![1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]),
     ] {
         for shape in ["(2,)", "(1, 2)", "(2, 1)"] {
             assert_eq!(npy_with(descr, shape, &data).unwrap().real, wanted, "{descr} {shape}");
         }
     }
-    let complex = npy_with("'<c8'", "(1, 1)", &floats).unwrap();
+    let complex = npy_with("<c8", "(1, 1)", &floats).unwrap();
     assert_eq!((complex.real[[0, 0]], complex.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
-    let signed = npy_with("'<i2'", "(2,)", &[0xFF, 0xFF, 0, 0x80]).unwrap();
-    assert_eq!(signed.real, ndarray::array![[-1.0, -32768.0]]);
-    let fortran = "{'descr': '|u1', 'fortran_order': True, 'shape': (2, 3), }";
-    let recording = npy_of(&npy_bytes(fortran, &[1, 2, 3, 4, 5, 6])).unwrap();
-    assert_eq!(recording.real, ndarray::array![[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+    let signed = npy_with("<i2", "(2,)", &[0xFF, 0xFF, 0, 0x80]).unwrap();
+    assert_eq!(signed.real, array![[-1.0, -32768.0]]);
+    let quoted = "{'descr': \"|u1\", 'fortran_order': False, 'shape': (1, 2), }";
+    assert_eq!(npy(npy_bytes(quoted, &[1, 2])).unwrap().real, wanted);
 }
 
 #[test]
 fn npy_faults() {
-    refused(npy_of(b""), &["f.npy", "empty"]);
-    refused(npy_of(b"1,2,3\n"), &["its start", "1,2,3", "numpy.save"]);
-    refused(npy_of(b"\x93NUMPY\x09\x00aaaaaaa"), &["version", "1, 2 or 3"]);
-    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "expected 118"]);
-    refused(npy_of(b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{"), &["bytes of header", "4294967295"]);
-    refused(npy_of(&npy_bytes("{}", &[])), &["type is \"\""]);
-    refused(npy_with("'|O'", "(2,)", &[]), &["type", "|O", "'<f8'"]);
-    refused(npy_with("[('a', '<f8')]", "(2,)", &[]), &["type", "[('a'"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "truncated"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
-    refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
-    refused(npy_with("'<f8'", "(1, 1, 1, 1)", &[0; 8]), &["shape [1, 1, 1, 1]"]);
-    refused(npy_with("'<f8'", "(0, 4)", &[]), &["no complete frame"]);
-    refused(npy_with("'<f8'", "(4, 0)", &[]), &["no complete frame"]);
-    refused(npy_with("'<f8'", "(9999999999, 9999999999)", &[]), &["0 bytes of data"]);
-    refused(npy_with("'<f8'", "(-1,)", &[0; 8]), &["shape", "(-1,)"]);
-    let order = "{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }";
-    refused(npy_of(&npy_bytes(order, &[0; 8])), &["fortran_order", "True or False"]);
+    for (bytes, parts) in [
+        (&b""[..], &["f.npy", "empty"][..]),
+        (b"1,2,3\n", &["its start", "1,2,3", "numpy.save"]),
+        (b"\x93NUMPY\x09\x00aaaaaaa", &["version", "1, 2 or 3"]),
+        (b"\x93NUMPY\x01\x00\x76\x00{'descr'", &["8 bytes of header", "expected 118"]),
+        (b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{", &["bytes of header", "4294967295"]),
+        (&npy_bytes("{}", &[]), &["type is \"\""]),
+        (
+            &npy_bytes("{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }", &[0; 8]),
+            &["fortran_order", "True or False"],
+        ),
+    ] {
+        refused(npy(bytes), parts);
+    }
+    for (descr, shape, bytes, parts) in [
+        ("|O", "(2,)", 0, &["type", "|O", "'<f8'"][..]),
+        ("'[('a', '<f8')]'", "(2,)", 0, &["type", "[('a'"]),
+        ("<f8", "(2,)", 15, &["15 bytes of data", "expected 16", "truncated"]),
+        ("<f8", "(2,)", 17, &["17 bytes of data", "expected 16"]),
+        ("<f8", "()", 8, &["shape []", "[frame, measurement]"]),
+        ("<f8", "(1, 1, 1, 1)", 8, &["shape [1, 1, 1, 1]"]),
+        ("<f8", "(0, 4)", 0, &["no complete frame"]),
+        ("<f8", "(4, 0)", 0, &["no complete frame"]),
+        ("<f8", "(9999999999, 9999999999)", 0, &["0 bytes of data"]),
+        ("<f8", "(-1,)", 8, &["shape", "(-1,)"]),
+    ] {
+        refused(npy_with(descr, shape, &vec![0; bytes]), parts);
+    }
 }
 
 const EIT_HEADER: &str =
     "11\n2\nt_1\n2020.07.08. 14:20:28.750\n100000.0\n100000.0\n0\n1\n0.01\n30.0\n0.0\n";
 
-fn eit_of(text: &str) -> Result<Recording, HwError> {
+fn eit_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
     parse(Format::Sciospec, text, &ReadOptions::default())
 }
 
 #[test]
 fn sciospec_headers_that_are_read() {
-    let frame = eit_of(&format!("{EIT_HEADER}1 2\n0.5\t-0.25\t-0.5\t0.25\n2 1\n1\t2\t3\t4\n\n"));
+    let frame = eit_of(format!("{EIT_HEADER}1 2\n0.5\t-0.25\t-0.5\t0.25\n2 1\n1\t2\t3\t4\n\n"));
     let frame = frame.unwrap();
-    assert_eq!(frame.real, ndarray::array![[0.5, -0.5, 1.0, 3.0]]);
-    assert_eq!(frame.imaginary, Some(ndarray::array![[-0.25, 0.25, 2.0, 4.0]]));
+    assert_eq!(frame.real, array![[0.5, -0.5, 1.0, 3.0]]);
+    assert_eq!(frame.imaginary, Some(array![[-0.25, 0.25, 2.0, 4.0]]));
     assert_eq!((frame.frequency_hz, frame.current_a), (Some(1e5), Some(0.01)));
     // 9 lines, two frequencies, all channels
     let text = "9\nt\n2020.07.08. 14:20:28\n10\n20\n0\n2\n0.01\n30\n1 2\n1 2 3 4\n5 6 7 8\n";
     let row = |frequency_row| {
         parse(Format::Sciospec, text, &ReadOptions { frequency_row, ..ReadOptions::default() })
     };
-    assert_eq!(row(0).unwrap().real, ndarray::array![[1.0, 3.0]]);
-    assert_eq!(row(1).unwrap().real, ndarray::array![[5.0, 7.0]]);
+    assert_eq!(row(0).unwrap().real, array![[1.0, 3.0]]);
+    assert_eq!(row(1).unwrap().real, array![[5.0, 7.0]]);
     assert_eq!(row(1).unwrap().frequency_hz, Some(20.0));
     refused(row(2), &["f.sciospec", "2 frequency rows", "row 2", "frequency_row"]);
     // channels 3 and 2 are electrodes 0 and 1
     let text = EIT_HEADER.replacen("11", "12", 1) + "MeasurementChannels: 3,2\n";
-    let chosen = eit_of(&format!("{text}2 3\n1 0 2 0 3 0\n")).unwrap();
-    assert_eq!(chosen.real, ndarray::array![[3.0, 2.0]]);
-    let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
-    assert_eq!(frames.values, ndarray::array![[1.0]]);
-    refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
-    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "expected 3"]);
-    let repeated = eit_of(&format!("{EIT_HEADER}1 2\n1 0 2 0\n1 2\n1 0 2 0\n")).unwrap();
+    let chosen = eit_of(format!("{text}2 3\n1 0 2 0 3 0\n")).unwrap();
+    assert_eq!(chosen.real, array![[3.0, 2.0]]);
+    let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, Component::Real).unwrap();
+    assert_eq!(frames.values, array![[1.0]]);
+    refused(eit_of(format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
+    refused(eit_of(format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "expected 3"]);
+    let repeated = eit_of(format!("{EIT_HEADER}1 2\n1 0 2 0\n1 2\n1 0 2 0\n")).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedDrive { a: 0, b: 1 }]);
 }
 
 #[test]
 fn sciospec_faults() {
-    refused(eit_of(""), &["f.sciospec", "empty"]);
-    refused(eit_of("1,2,3\n"), &["line 1", "number of header lines", "\"1,2,3\""]);
-    refused(eit_of("40\n2\n"), &["line 1", "number of header lines"]);
-    refused(eit_of(EIT_HEADER), &["no complete frame"]);
-    let wrong = EIT_HEADER.replacen("0.01", "much", 1);
-    refused(eit_of(&wrong), &["line 9", "amplitude", "\"much\""]);
-    refused(eit_of(&format!("{EIT_HEADER}1 2\n")), &["line 12", "0 lines of potentials", "1"]);
-    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3\n")), &["line 13", "3 real and imaginary"]);
-    refused(
-        eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 4\n2 1\n1 2 3")),
-        &["line 15", "3 real and imaginary", "expected 4"],
-    );
-    // truncated from -2.5E-6
-    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "again"]);
-    refused(eit_of(&format!("{EIT_HEADER}1 3\n1 2 3 4\n")), &["drive is \"1 3\""]);
-    refused(eit_of(&format!("{EIT_HEADER}1 1\n1 2 3 4\n")), &["drive is \"1 1\"", "different"]);
-    refused(
-        eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 NaN\n")),
-        &["line 13", "frame 0, measurement 1", "NaN"],
-    );
-    let bytes = |bytes: &[u8]| parse(Format::Sciospec, bytes, &ReadOptions::default());
-    refused(bytes(b"---Draeger EIT-Software V1\r\n"), &["Draeger", "CSV or NPY"]);
-    refused(bytes(b"\xFF\xFE<\x00"), &["Carefusion"]);
-    refused(bytes(b"\x00\x00\x00\x03"), &["Swisstom"]);
+    for (bytes, parts) in [
+        (&b""[..], &["f.sciospec", "empty"][..]),
+        (b"1,2,3\n", &["line 1", "number of header lines", "\"1,2,3\""]),
+        (b"40\n2\n", &["line 1", "number of header lines"]),
+        (b"---Draeger EIT-Software V1\r\n", &["Draeger", "CSV or NPY"]),
+        (b"\xFF\xFE<\x00", &["Carefusion"]),
+        (b"\x00\x00\x00\x03", &["Swisstom"]),
+        (EIT_HEADER.replacen("0.01", "much", 1).as_bytes(), &["line 9", "amplitude", "\"much\""]),
+    ] {
+        refused(eit_of(bytes), parts);
+    }
+    for (frame, parts) in [
+        ("", &["no complete frame"][..]),
+        ("1 2\n", &["line 12", "0 lines of potentials", "1"]),
+        ("1 2\n1 2 3\n", &["line 13", "3 real and imaginary"]),
+        ("1 2\n1 2 3 4\n2 1\n1 2 3", &["line 15", "3 real and imaginary", "expected 4"]),
+        // truncated from -2.5E-6
+        ("1 2\n1 2 3 -2.5", &["line 13", "no line end", "again"]),
+        ("1 3\n1 2 3 4\n", &["drive is \"1 3\""]),
+        ("1 1\n1 2 3 4\n", &["drive is \"1 1\"", "different"]),
+        ("1 2\n1 2 3 NaN\n", &["line 13", "frame 0, measurement 1", "NaN"]),
+    ] {
+        refused(eit_of(format!("{EIT_HEADER}{frame}")), parts);
+    }
 }
 
 #[test]
@@ -335,7 +313,7 @@ fn goe_faults() {
 
 #[test]
 fn goe_fills_the_half_that_was_not_measured() {
-    let whole: Vec<_> = common::rotated(16);
+    let whole: Vec<_> = rotated(16);
     // one value per unordered pair of drive and measured pair; the second half is 0
     let frame: Vec<f32> = (0..256)
         .map(|slot| match whole.get(slot) {
@@ -360,37 +338,36 @@ fn lct_text(rows: &[&str]) -> String {
 
 #[test]
 fn lct_rows_and_header() {
-    let lct = |text: &str| parse(Format::Lct, text.as_bytes(), &ReadOptions::default());
+    let lct = |text: &str| parse(Format::Lct, text, &ReadOptions::default());
     let rows = ["1 2 2", "3 4 2", "5 6 2", "7 8 2"];
-    let recording = lct(&lct_text(&rows)).unwrap();
-    assert_eq!(recording.real, ndarray::array![[0.5, 1.5, 2.5, 3.5]]);
-    assert_eq!(recording.imaginary, Some(ndarray::array![[1.0, 2.0, 3.0, 4.0]]));
-    let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
-    let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
+    let whole = lct_text(&rows);
+    let recording = lct(&whole).unwrap();
+    assert_eq!(recording.real, array![[0.5, 1.5, 2.5, 3.5]]);
+    assert_eq!(recording.imaginary, Some(array![[1.0, 2.0, 3.0, 4.0]]));
+    let repeated = lct(&(whole.clone() + "7 8 2\n")).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
-    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "expected 4", "Length"]);
-    refused(lct(&lct_text(&rows[..3])), &["3 rows", "expected 4"]);
-    refused(lct(&lct_text(&["1 2 2", "3 4 0", "5 6 2", "7 8 2"])), &["line 8", "current is 0"]);
-    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "expected 3"]);
-    refused(lct(&lct_text(&["1 2 2", "1 2 inf", "5 6 2", "7 8 2"])), &["line 8", "is inf"]);
-    refused(lct(&lct_text(&["1 2 x"])), &["line 7", "value 3", "\"x\""]);
-    refused(
-        lct(&lct_text(&["1 2 2", "nan 2 2", "5 6 2", "7 8 2"])),
-        &["line 8", "frame 0, measurement 1", "NaN"],
-    );
-    refused(lct(""), &["empty"]);
-    refused(lct("1 2 3\n"), &["line 1", "first line", "#MEAS"]);
-    refused(lct("#MEAS\n1 2 3\n"), &["Length", "missing"]);
-    refused(
-        lct(&lct_text(&rows).replace("Length, 4", "Length, x")),
-        &["line 2", "Length", "\"x\""],
-    );
-    let many = lct_text(&rows).replace("Electrodes, 4", "Electrodes, 16");
-    refused(lct(&many), &["line 3", "16 with Length 4", "n (n - 3)"]);
-    refused(lct(&lct_text(&rows).replace("KHz", "K")), &["line 5", "Operating_Frequency"]);
-    refused(lct(lct_text(&rows).trim_end()), &["line 10", "no line end"]);
-    let binary = lct_text(&rows) + "\u{1}";
-    refused(lct(&binary), &["byte ", "not text"]);
+    for (text, parts) in [
+        (whole.clone() + "7 8 3\n", &["5 rows", "expected 4", "Length"][..]),
+        (lct_text(&rows[..3]), &["3 rows", "expected 4"]),
+        (whole.replace("3 4 2", "3 4 0"), &["line 8", "current is 0"]),
+        (lct_text(&["1 2"]), &["line 7", "2 values", "expected 3"]),
+        (whole.replace("3 4 2", "1 2 inf"), &["line 8", "is inf"]),
+        (lct_text(&["1 2 x"]), &["line 7", "value 3", "\"x\""]),
+        (whole.replace("3 4 2", "nan 2 2"), &["line 8", "frame 0, measurement 1", "NaN"]),
+        (String::new(), &["empty"]),
+        ("1 2 3\n".into(), &["line 1", "first line", "#MEAS"]),
+        ("#MEAS\n1 2 3\n".into(), &["Length", "missing"]),
+        (whole.replace("Length, 4", "Length, x"), &["line 2", "Length", "\"x\""]),
+        (
+            whole.replace("Electrodes, 4", "Electrodes, 16"),
+            &["line 3", "16 with Length 4", "n (n - 3)"],
+        ),
+        (whole.replace("KHz", "K"), &["line 5", "Operating_Frequency"]),
+        (whole.trim_end().to_owned(), &["line 10", "no line end"]),
+        (whole.clone() + "\u{1}", &["byte ", "not text"]),
+    ] {
+        refused(lct(&text), parts);
+    }
 }
 
 #[test]
@@ -436,34 +413,25 @@ fn serial_log_cuts() {
     refused(log_of("s\ns\n1 1\n", 0), &["no complete frame"]);
 }
 
-/// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
-fn khu_table(roles: [[u32; 4]; 2]) -> String {
-    let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
-    for (projection, roles) in roles.iter().enumerate() {
-        for (channel, role) in roles.iter().enumerate() {
-            let gain = if *role == 0 { 10 } else { 1 };
-            text +=
-                &format!("{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n");
-        }
-    }
-    text
-}
-
-const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
-
 #[test]
 fn khu_folders() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
     let read = || read_recording(path, None, &ReadOptions::default());
-    let scan = |count: i32| {
+    let scan = |count: i32| -> String {
         (0..8).map(|row| format!("{} {} {count}.0 -3\r\n", row % 4, u32::from(row == 2))).collect()
     };
-    let scan: &dyn Fn(i32) -> String = &scan;
     write("2Scan.txt", &scan(2));
     refused(read(), &["ProjectionTableSendLog.txt", "khu", "whole folder"]);
-    write("ProjectionTableSendLog.txt", &khu_table(ROLES));
+    // 4 channels and 2 projections
+    let mut table = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
+    for (row, role) in [2, 3, 0, 0, 0, 2, 0, 3].into_iter().enumerate() {
+        let gain = if role == 0 { 10 } else { 1 };
+        let (projection, channel) = (row / 4, row % 4);
+        table += &format!("{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n");
+    }
+    write("ProjectionTableSendLog.txt", &table);
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
     // counts divided by 2^15 and by the gain of 0.2
@@ -483,14 +451,8 @@ fn khu_folders() {
     assert_eq!(read().unwrap().quality.unwrap()[[2, 0]], Quality::NON_FINITE);
     let scan = read_recording(&path.join("2Scan.txt"), Some(Format::Khu), &ReadOptions::default());
     refused(scan, &["2Scan.txt", "is a single file", "folder", "name the folder"]);
-    refused(
-        read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
-        &["name the folder"],
-    );
-    refused(
-        read_recording(path, Some(Format::Csv), &ReadOptions::default()),
-        &["is a folder", "csv", "name the file"],
-    );
+    let scan = read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default());
+    refused(scan, &["name the folder"]);
     write("t_1.eit", "");
     refused(read(), &["sciospec or khu", "[recording] format = \"sciospec\"", "or \"khu\""]);
 }
@@ -503,19 +465,18 @@ fn keys_of_tables_are_for_tables() {
         ReadOptions { frames_are: Some(FrameOrientation::Rows), ..ReadOptions::default() };
     let complex = ReadOptions { complex: true, ..ReadOptions::default() };
     let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
-    write("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n").as_bytes());
-    write("f.get", &[0; 1024]);
-    write("f.lct", lct_text(&["1 1 1"; 4]).as_bytes());
-    write("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)).as_bytes());
-    let formats = ["sciospec", "goe", "lct", "serial-log"];
-    for (name, format) in ["t_1.eit", "f.get", "f.lct", "f.log"].into_iter().zip(formats) {
+    for (name, content, format) in [
+        ("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n"), "sciospec"),
+        ("f.get", "\0".repeat(1024), "goe"),
+        ("f.lct", lct_text(&["1 1 1"; 4]), "lct"),
+        ("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)), "serial-log"),
+    ] {
+        write(name, content.as_bytes());
         let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
         assert!(read(&ReadOptions::default()).is_ok(), "{name}");
-        refused(read(&frames_are), &[name, "`[recording] frames_are`", "tables (csv, npy", format]);
-        refused(
-            read(&complex),
-            &[name, "`[recording] complex`", "tables (csv, npy", format, "remove"],
-        );
+        let of = [name, "tables (csv, npy", format, "remove"];
+        refused(read(&frames_are), &[&of[..], &["`[recording] frames_are`"]].concat());
+        refused(read(&complex), &[&of[..], &["`[recording] complex`"]].concat());
     }
     refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
     let khu = tempfile::tempdir().unwrap();
@@ -523,16 +484,12 @@ fn keys_of_tables_are_for_tables() {
     refused(read_recording(khu.path(), None, &complex), &["`[recording] complex`", "khu"]);
 
     let floats = [1_f32, 2.0].map(f32::to_le_bytes).concat();
-    let header = "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1), }";
-    write("f.npy", &npy_bytes(header, &floats));
+    write("f.npy", &npy_of("<c8", "(1, 1)", &floats));
     let npy = |options: &ReadOptions| read_recording(&path.join("f.npy"), None, options);
     assert!(npy(&frames_are).is_ok());
-    refused(
-        npy(&complex),
-        &["f.npy", "`[recording] complex`", "complex recording", "real numbers"],
-    );
-    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
-    write("f.npy", &npy_bytes(header, &floats));
+    let parts = ["f.npy", "`[recording] complex`", "complex recording", "real numbers"];
+    refused(npy(&complex), &parts);
+    write("f.npy", &npy_of("<f4", "(1, 2)", &floats));
     refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
@@ -542,16 +499,15 @@ fn keys_of_tables_are_for_tables() {
 #[test]
 fn vectors_are_one_frame() {
     let with = |shape: &str, orientation| {
-        let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
-        let bytes = npy_bytes(&header, &[1, 2, 3]);
+        let bytes = npy_of("|u1", shape, &[1, 2, 3]);
         parse(Format::Npy, bytes, &table(orientation, false)).unwrap()
     };
-    let orientations =
-        [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
     for shape in ["(3,)", "(3, 1)"] {
-        for orientation in orientations {
+        for orientation in
+            [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix]
+        {
             let recording = with(shape, orientation);
-            assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
+            assert_eq!(recording.real, array![[1.0, 2.0, 3.0]], "{shape}");
             // with rows, this is not what the key says
             let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
             assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
@@ -568,19 +524,18 @@ fn recognition() {
         fs::write(path.join(name), bytes).unwrap();
         read_recording(&path.join(name), None, &ReadOptions::default())
     };
-    let format = |name: &str, bytes: &[u8]| read(name, bytes).unwrap().format;
-    assert_eq!(format("a.txt", b"1 2 3\n4 5 6\n"), Format::Csv);
-    assert_eq!(format("a.dat", b"# comment\nx y\n1 2\n"), Format::Csv);
-    assert_eq!(format("a.csv", lct_text(&["1 1 1"; 4]).as_bytes()), Format::Lct);
-    let npy = npy_bytes("{'descr': '|u1', 'fortran_order': False, 'shape': (1,), }", &[1]);
-    assert_eq!(format("a.txt", &npy), Format::Npy);
-    let line = "1 ".repeat(13) + "\n";
-    let frame = line.repeat(16);
-    assert_eq!(format("a.log", format!("s\n{frame}").as_bytes()), Format::SerialLog);
-    refused(
-        read("a.txt", frame.as_bytes()),
-        &["csv or serial-log", "[recording] format = \"csv\""],
-    );
+    let frame = ("1 ".repeat(13) + "\n").repeat(16);
+    for (name, content, format) in [
+        ("a.txt", &b"1 2 3\n4 5 6\n"[..], Format::Csv),
+        ("a.dat", b"# comment\nx y\n1 2\n", Format::Csv),
+        ("a.csv", lct_text(&["1 1 1"; 4]).as_bytes(), Format::Lct),
+        ("a.txt", &npy_of("|u1", "(1,)", &[1]), Format::Npy),
+        ("a.log", format!("s\n{frame}").as_bytes(), Format::SerialLog),
+    ] {
+        assert_eq!(read(name, content).unwrap().format, format);
+    }
+    let either = read("a.txt", frame.as_bytes());
+    refused(either, &["csv or serial-log", "[recording] format = \"csv\""]);
     refused(read("a.bin", &[1, 2, 3]), &["a.bin", "not recognised", "\"csv\"", "\"serial-log\""]);
     refused(read("a.txt", b"some words\nand more\n"), &["not recognised"]);
     refused(read("a.txt", b""), &["empty"]);
@@ -590,7 +545,7 @@ fn recognition() {
     refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);
     let folder = |format| read_recording(path, Some(format), &ReadOptions::default());
     for format in [Format::Csv, Format::Npy, Format::Lct, Format::Goe, Format::SerialLog] {
-        refused(folder(format), &["is a folder", format.name()]);
+        refused(folder(format), &["is a folder", format.name(), "name the file"]);
     }
     refused(folder(Format::Sciospec), &["NAME_00001.eit"]);
     refused(folder(Format::Khu), &["ProjectionTableSendLog.txt"]);

@@ -1,42 +1,45 @@
-//! Recordings that are damaged or written by two programs: nothing intact is lost, and every loss
-//! is reported. One file, because all tests damage files with the same few functions.
+//! Recordings that are damaged or written by two programs: nothing intact is lost; every loss is reported.
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
-use crate::common::recordings::{container, frame, session};
+use crate::common::place;
+use crate::common::recordings::{
+    append, channel, chunks, container, create, frame, frame_json, lz4_chunk, message, recorded,
+    replayed, session,
+};
 use eit_hw::HwError;
-use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, parse, read, recover};
-use eit_hw::driver::{Event, FrameSource, Pace, Replay};
+use eit_hw::capture::{Damage, Entry, parse, read, recover};
+use eit_hw::driver::{Pace, Replay};
 
 const PER_CHUNK: u64 = 5;
 
-/// Writes a finished recording with one chunk for the session and `chunks` chunks of 5 frames.
+/// Writes a recording with one chunk for the session and `chunks` chunks of 5 frames.
 fn recording(path: &Path, chunks: u64) -> Vec<u8> {
-    let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
-    let mut writer = CaptureWriter::create(path, &session(), settings).unwrap();
-    for sequence in 0..chunks * PER_CHUNK {
-        writer.frame(&frame(sequence)).unwrap();
-        if sequence % PER_CHUNK == PER_CHUNK - 1 {
-            writer.flush().unwrap();
-        }
-    }
-    writer.finish().unwrap();
-    std::fs::read(path).unwrap()
+    recording_of(path, chunks, 208)
 }
 
-/// Returns the start and length of each chunk's record.
-fn chunks(bytes: &[u8]) -> Vec<(usize, usize)> {
-    let (mut at, mut found) = (8, Vec::new());
-    while bytes[at] != 0x0F {
-        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        if bytes[at] == 0x06 {
-            found.push((at, length));
-        }
-        at += 9 + length;
-    }
-    found
+fn recording_of(path: &Path, chunks: u64, measurements: usize) -> Vec<u8> {
+    let mut session = session();
+    session.quadruples.truncate(measurements);
+    let frames = (0..chunks * PER_CHUNK).map(|sequence| {
+        let mut frame = frame(sequence);
+        frame.values.truncate(measurements);
+        frame.quality.truncate(measurements);
+        Entry::Frame(frame)
+    });
+    let entries: Vec<Entry> = [Entry::Session(session)].into_iter().chain(frames).collect();
+    recorded(path, &entries, PER_CHUNK as usize)
+}
+
+/// Returns how many frames are lost of a recording of `chunks` chunks, and what is reported. The others are in order.
+fn lost(bytes: &[u8], chunks: u64, name: &str) -> (usize, Damage) {
+    let capture = parse(bytes, Path::new("damaged.mcap")).unwrap();
+    let mut all = 0..chunks * PER_CHUNK;
+    assert!(capture.frames().all(|found| all.any(|one| found.sequence == one)), "{name}");
+    let lost = (chunks * PER_CHUNK) as usize - capture.frames().count();
+    assert!(lost == 0 || capture.damage.is_any(), "{name}: not told");
+    (lost, capture.damage)
 }
 
 fn sequences(bytes: &[u8]) -> Vec<u64> {
@@ -46,71 +49,53 @@ fn sequences(bytes: &[u8]) -> Vec<u64> {
 /// A replay says at its end, once, what a damaged recording lacks; of an intact one it says nothing.
 #[test]
 fn a_replay_tells_what_is_damaged() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let bytes = recording(&path, 4);
-    let third = chunks(&bytes)[3];
+    let third = chunks(&bytes)[3].clone();
+    let middle = third.start.midpoint(third.end);
     let mut bad = bytes.clone();
-    bad[third.0 + third.1 / 2] ^= 4;
-    let cut = bytes[..third.0 + third.1 / 2].to_vec();
+    bad[middle] ^= 4;
+    let cut = bytes[..middle].to_vec();
     for (bytes, frames, reported) in [(bytes, 20, 0), (bad, 15, 1), (cut, 10, 1)] {
         std::fs::write(&path, bytes).unwrap();
-        let mut replay = Replay::open(&path, None, Pace::OnDemand).unwrap();
-        let (mut found, mut notices) = (0, Vec::new());
-        while !replay.is_over() {
-            match replay.next_event(Duration::ZERO).unwrap() {
-                Some(Event::Frame(_)) => found += 1,
-                Some(Event::Notice(text)) => notices.push((found, text)),
-                _ => {}
-            }
-        }
-        assert_eq!((found, notices.len()), (frames, reported), "{notices:?}");
-        assert!(notices.iter().all(|(at, text)| *at == frames && text.contains("damaged")));
+        let said = replayed(Replay::open(&path, None, Pace::OnDemand).unwrap());
+        assert_eq!(said.iter().filter(|text| text.starts_with("0.")).count(), frames);
+        let last = said.iter().position(|text| text.starts_with("notice"));
+        let notices = &said[last.unwrap_or(said.len())..];
+        assert_eq!(notices.len(), reported, "{notices:?}");
+        assert!(notices.iter().all(|text| text.contains("damaged")), "{notices:?}");
     }
 }
 
-/// Flips every bit of every byte before the content of a chunk: the content shows what the header
-/// should say.
+/// Flips every bit before the content of a chunk: the content shows what the header should say.
 #[test]
 fn a_damaged_head_costs_at_most_its_chunk() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 6);
-    let all: Vec<u64> = (0..6 * PER_CHUNK).collect();
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording_of(&path, 3, 20);
     let heads = chunks(&bytes);
-    assert_eq!(heads.len(), 7);
+    assert_eq!(heads.len(), 4);
     let mut mended = 0;
-    for &(start, _) in &heads[1..] {
+    for start in heads[1..].iter().map(|chunk| chunk.start) {
         for bit in 0..8 * (9 + 28 + 4 + 3 + 8) {
             let mut damaged = bytes.clone();
             damaged[start + bit / 8] ^= 1 << (bit % 8);
-            let capture = parse(&damaged, Path::new("a.mcap")).unwrap();
-            let found: Vec<u64> = capture.frames().map(|frame| frame.sequence).collect();
-            let lost = all.len() - found.len();
-            let mut rest = all.iter();
-            assert!(found.iter().all(|one| rest.any(|all| all == one)), "bit {bit} at {start}");
-            assert!(lost == 0 || capture.damage.is_any(), "bit {bit} at {start}: not told");
-            assert!(lost <= PER_CHUNK as usize, "{lost} frames: bit {bit} of the head at {start}");
-            mended += capture.damage.mended_chunks;
-        }
-        // a wrong length alone loses nothing
-        for byte in 1..9 {
-            let mut damaged = bytes.clone();
-            damaged[start + byte] ^= 1;
-            assert_eq!(sequences(&damaged), all, "length byte {byte}");
+            let (lost, damage) = lost(&damaged, 3, &format!("bit {bit} at {start}"));
+            // a wrong length alone loses nothing
+            let is_length = (1..9).contains(&(bit / 8));
+            let most = if is_length { 0 } else { PER_CHUNK as usize };
+            assert!(lost <= most, "{lost} frames: bit {bit} of the head at {start}");
+            mended += damage.mended_chunks;
         }
     }
-    // six chunks, all bits of the two lengths and of the opcode, except for two bits that turn the
-    // opcode into a channel or a message index
-    assert_eq!(mended, 6 * (64 + 64 + 8 - 2));
+    // all bits of the two lengths and of the opcode, but two that turn it into a channel or a message index
+    assert_eq!(mended, 3 * (64 + 64 + 8 - 2));
 }
 
-/// Damages any bit of the file, or any stretch of up to 5 bytes: at most two chunks are lost, and
-/// the loss is reported.
+/// Damages any bit of the file, or any stretch of up to 5 bytes.
 #[test]
 fn any_damage_costs_little_and_is_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 6);
-    let all: Vec<u64> = (0..6 * PER_CHUNK).collect();
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording_of(&path, 4, 20);
     let mut random = fixtures::Random::new(3);
     for round in 0..3000 {
         let mut damaged = bytes.clone();
@@ -118,56 +103,45 @@ fn any_damage_costs_little_and_is_reported() {
         for byte in damaged.iter_mut().skip(at).take(count) {
             *byte ^= 1 << random.below(8);
         }
-        let capture = parse(&damaged, Path::new("a.mcap")).unwrap();
-        let found: Vec<u64> = capture.frames().map(|frame| frame.sequence).collect();
-        let mut rest = all.iter();
-        assert!(found.iter().all(|one| rest.any(|all| all == one)), "{count} bytes at {at}");
-        let lost = all.len() - found.len();
+        let (lost, _) = lost(&damaged, 4, &format!("{count} bytes at {at}"));
         assert!(lost <= 2 * PER_CHUNK as usize, "{lost} frames lost: {count} bytes at {at}");
-        assert!(lost == 0 || capture.damage.is_any(), "{count} bytes at {at}: not told");
     }
 }
 
-/// A bad chunk after damage, at the end of an unfinished recording: a failed search finds no
-/// record.
+/// A bad chunk after damage, at the end of an unfinished recording.
 #[test]
 fn damage_that_no_whole_chunk_follows_is_reported() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (_folder, path) = place("a.mcap");
     let bytes = recording(&path, 3);
-    let [.., before, last] = chunks(&bytes)[..] else { panic!("chunks") };
-    let whole = sequences(&bytes[..last.0]);
+    let last = chunks(&bytes).pop().unwrap();
+    let whole = sequences(&bytes[..last.start]);
     assert_eq!(whole.len() as u64, 2 * PER_CHUNK);
-    let mut bad = bytes[last.0..last.0 + 9 + last.1].to_vec();
+    let mut bad = bytes[last.clone()].to_vec();
     let at = bad.len() / 2;
     bad[at] ^= 4;
     let tail = [&[0xff; 5][..], &bad].concat();
-    let damaged = [&bytes[..last.0], &tail].concat();
+    let damaged = [&bytes[..last.start], &tail].concat();
     let capture = parse(&damaged, &path).unwrap();
     assert_eq!(capture.frames().count(), whole.len());
     assert_eq!(capture.damage.truncated_bytes, tail.len() as u64, "{:?}", capture.damage);
-    // the message index of the previous chunk is intact
-    assert!(before.0 + before.1 < last.0);
     // what is cut off before appending is kept
     std::fs::write(&path, &damaged).unwrap();
-    let writer = CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap();
+    let writer = append(&path).unwrap();
     let cut = writer.cut_tail().cloned().unwrap();
     writer.finish().unwrap();
     assert_eq!(std::fs::read(&cut.path).unwrap(), tail);
     assert_eq!(sequences(&std::fs::read(&path).unwrap()), whole);
 }
 
-/// Regression: one flipped length lost everything after it, and appending cut all of that off.
+/// One flipped length; then an incomplete record at the end.
 #[test]
 fn going_on_never_cuts_a_whole_chunk_and_keeps_what_it_cuts() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     let bytes = recording(&path, 8);
     let mut damaged = bytes.clone();
-    damaged[chunks(&bytes)[3].0 + 5] ^= 1;
+    damaged[chunks(&bytes)[3].start + 5] ^= 1;
     std::fs::write(&path, &damaged).unwrap();
-    let settings = CaptureSettings::default;
-    let mut writer = CaptureWriter::append(&path, &session(), settings()).unwrap();
+    let mut writer = append(&path).unwrap();
     assert_eq!(writer.cut_tail(), None);
     writer.frame(&frame(1000)).unwrap();
     writer.finish().unwrap();
@@ -175,93 +149,77 @@ fn going_on_never_cuts_a_whole_chunk_and_keeps_what_it_cuts() {
     wanted.push(1000);
     assert_eq!(sequences(&std::fs::read(&path).unwrap()), wanted);
 
-    // an incomplete record at the end: an unfinished chunk, or garbage of any length
-    let last = *chunks(&bytes).last().unwrap();
-    let whole = sequences(&bytes[..last.0]);
-    for tail in [bytes[last.0..last.0 + last.1 / 2].to_vec(), vec![0xff; 17 << 20]] {
+    // an unfinished chunk, or garbage of any length
+    let last = chunks(&bytes).pop().unwrap();
+    let whole = sequences(&bytes[..last.start]);
+    for tail in [bytes[last.start..last.start.midpoint(last.end)].to_vec(), vec![0xff; 17 << 20]] {
         let path = folder.path().join(format!("tail{}.mcap", tail.len()));
-        std::fs::write(&path, [&bytes[..last.0], &tail].concat()).unwrap();
-        let writer = CaptureWriter::append(&path, &session(), settings()).unwrap();
+        std::fs::write(&path, [&bytes[..last.start], &tail].concat()).unwrap();
+        let writer = append(&path).unwrap();
         let cut = writer.cut_tail().cloned().unwrap();
         writer.finish().unwrap();
         assert_eq!(cut.bytes, tail.len() as u64);
-        assert_eq!(std::fs::read(&cut.path).unwrap(), tail);
+        assert!(std::fs::read(&cut.path).unwrap() == tail);
         assert_eq!(sequences(&std::fs::read(&path).unwrap()), whole);
     }
 }
 
-/// No record is intact after the first eight bytes, yet those bytes may be all that somebody has.
+/// No record is intact, yet the bytes after the first eight may be all that somebody has.
 #[test]
 fn what_follows_the_first_bytes_alone_is_kept_too() {
     let folder = tempfile::tempdir().unwrap();
-    for (name, rest) in [("garbage", &[0xa5; 3000][..]), ("a few bytes", b"abc"), ("none", b"")] {
+    for (name, start, rest) in [
+        ("garbage", container(&[]), &[0xa5; 3000][..]),
+        ("a few bytes", container(&[]), b"abc"),
+        ("none", container(&[]), b""),
+        ("an empty file", Vec::new(), b""),
+    ] {
         let path = folder.path().join(format!("{name}.mcap"));
-        std::fs::write(&path, container(&[rest.to_vec()])).unwrap();
-        let settings = CaptureSettings::default();
-        let mut writer = CaptureWriter::append(&path, &session(), settings).unwrap();
-        let cut = writer.cut_tail().cloned();
-        assert_eq!(cut.is_some(), !rest.is_empty(), "{name}: {cut:?}");
-        if let Some(cut) = cut {
-            assert_eq!(cut.bytes, rest.len() as u64);
-            assert_eq!(std::fs::read(&cut.path).unwrap(), rest);
-        }
+        std::fs::write(&path, [&start, rest].concat()).unwrap();
+        let mut writer = append(&path).unwrap();
+        let cut = writer.cut_tail().map(|cut| (cut.bytes, std::fs::read(&cut.path).unwrap()));
+        let wanted = Some((rest.len() as u64, rest.to_vec())).filter(|_| !rest.is_empty());
+        assert_eq!(cut, wanted, "{name}");
         writer.frame(&frame(0)).unwrap();
         writer.finish().unwrap();
         let capture = read(&path).unwrap();
-        assert!(capture.frames().count() == 1 && capture.damage == Default::default(), "{name}");
+        assert!(capture.frames().count() == 1 && capture.damage == Damage::default(), "{name}");
     }
 }
 
 #[test]
 fn two_recorders_do_not_share_a_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
-    let settings = CaptureSettings::default;
-    let first = CaptureWriter::create(&path, &session(), settings()).unwrap();
-    let append = || CaptureWriter::append(&path, &session(), settings());
-    let refused = append().err().unwrap();
+    let (_folder, path) = place("a.mcap");
+    let first = create(&path).unwrap();
+    let refused = append(&path).err().unwrap();
     assert!(matches!(&refused, HwError::Busy { .. }), "{refused}");
     assert!(refused.to_string().contains("a.mcap: another program is recording to it"));
-    assert!(CaptureWriter::create(&path, &session(), settings()).is_err());
+    assert!(create(&path).is_err());
     drop(first);
-    let second = append().unwrap();
-    assert!(matches!(append(), Err(HwError::Busy { .. })));
+    let second = append(&path).unwrap();
+    assert!(matches!(append(&path), Err(HwError::Busy { .. })));
     second.finish().unwrap();
     assert_eq!(read(&path).unwrap().sessions().count(), 2);
-}
-
-#[test]
-fn a_leftover_of_no_bytes_is_gone_on_with() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
-    std::fs::write(&path, b"").unwrap();
-    let mut writer = CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap();
-    writer.frame(&frame(0)).unwrap();
-    writer.finish().unwrap();
-    let capture = read(&path).unwrap();
-    assert!(capture.frames().count() == 1 && !capture.damage.unfinished);
 }
 
 #[test]
 fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
     let folder = tempfile::tempdir().unwrap();
     let (from, to) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
-    let mut file = std::io::BufWriter::new(std::fs::File::create(&from).unwrap());
+    let mut bytes = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4));
-    let mut writer = options.create(&mut file).unwrap();
+    let mut writer = options.create(&mut bytes).unwrap();
     let no = BTreeMap::new();
     let own = writer.add_channel(0, "/eit/note", "json", &no).unwrap();
     let other = writer.add_channel(0, "/robot/pose", "raw", &no).unwrap();
-    let header = |channel_id, sequence| mcap::records::MessageHeader {
-        channel_id,
-        sequence,
-        log_time: 1000 + u64::from(sequence),
-        publish_time: 2000 + u64::from(sequence),
-    };
     for sequence in 0..40 {
         let note = format!("{{\"text\": \"note {sequence}\"}}");
-        writer.write_to_known_channel(&header(own, sequence), note.as_bytes()).unwrap();
-        writer.write_to_known_channel(&header(other, sequence), &[7; 99]).unwrap();
+        for (channel_id, content) in [(own, note.as_bytes()), (other, &[7; 99])] {
+            let (log_time, publish_time) = (1000 + u64::from(sequence), 2000 + u64::from(sequence));
+            let header =
+                mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time };
+            writer.write_to_known_channel(&header, content).unwrap();
+        }
         if sequence % 10 == 9 {
             writer.flush().unwrap();
         }
@@ -274,29 +232,28 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
         data: std::borrow::Cow::Owned(vec![9; 100_000]),
     };
     writer.attach(&attachment).unwrap();
-    let pairs: BTreeMap<String, String> = [("who".to_owned(), "me".to_owned())].into();
-    let metadata = mcap::records::Metadata { name: "lab".into(), metadata: pairs };
+    let metadata = [("who".to_owned(), "me".to_owned())].into();
+    let metadata = mcap::records::Metadata { name: "lab".into(), metadata };
     writer.write_metadata(&metadata).unwrap();
     writer.finish().unwrap();
     drop(writer);
-    drop(file);
-    let mut bytes = std::fs::read(&from).unwrap();
-    let second = chunks(&bytes)[1];
+    let mut bytes = bytes.into_inner();
+    let second = chunks(&bytes)[1].clone();
     // in the content: that chunk is bad
-    bytes[second.0 + second.1 / 2] ^= 4;
+    bytes[second.start.midpoint(second.end)] ^= 4;
     std::fs::write(&from, &bytes).unwrap();
     let found = recover(&from, &to).unwrap();
     assert_eq!((found.messages, found.attachments, found.bad_attachments), (60, 2, 0));
     assert_eq!(found.damage.bad_chunks, 1);
     let whole = std::fs::read(&to).unwrap();
-    let messages: Vec<_> =
-        mcap::MessageStream::new(&whole).unwrap().map(|message| message.unwrap()).collect();
-    assert_eq!(messages.len(), 60);
-    for message in &messages {
+    let mut count = 0;
+    for message in mcap::MessageStream::new(&whole).unwrap().map(Result::unwrap) {
         assert_eq!(message.log_time, 1000 + u64::from(message.sequence));
         assert_eq!(message.publish_time, 2000 + u64::from(message.sequence));
         assert!(!(10..20).contains(&message.sequence));
+        count += 1;
     }
+    assert_eq!(count, 60);
     let summary = mcap::Summary::read(&whole).unwrap().unwrap();
     let index = &summary.attachment_indexes[0];
     assert_eq!(mcap::read::attachment(&whole, index).unwrap(), attachment);
@@ -311,49 +268,30 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
 fn recover_tells_what_is_whole_but_no_frame() {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
-    let mut file = std::io::BufWriter::new(std::fs::File::create(&from).unwrap());
-    let mut writer = mcap::WriteOptions::new().create(&mut file).unwrap();
-    let channel = writer.add_channel(0, "/eit/frame", "json", &BTreeMap::new()).unwrap();
-    let content = |k: u32| -> Vec<u8> {
-        let frame = |values: &str| {
-            format!(
-                r#"{{"sequence":{k},"epoch":0,"device_time_s":null,"host_time_s":null,"values":[{values}]}}"#
-            )
-        };
+    let content = |k: usize| -> Vec<u8> {
         match k {
             3 => b"{\"hello\":1}".to_vec(),
             5 => (0..=255).collect(),
             7 => Vec::new(),
             // longer than any reader takes
             9 => [b"\"", &[b'x'; 9 << 20][..], b"\""].concat(),
-            20.. => frame("1,2").into_bytes(),
-            _ => frame("1,2,3").into_bytes(),
+            20.. => frame_json("1,2"),
+            _ => frame_json("1,2,3"),
         }
     };
-    for sequence in 0..25 {
-        let header = mcap::records::MessageHeader {
-            channel_id: channel,
-            sequence,
-            log_time: 1,
-            publish_time: 1,
-        };
-        writer.write_to_known_channel(&header, &content(sequence)).unwrap();
-    }
-    writer.finish().unwrap();
-    drop(writer);
-    drop(file);
+    let messages: Vec<u8> = (0..25).flat_map(|k| message(1, &content(k))).collect();
+    let chunk = lz4_chunk(&[channel(1, "/eit/frame"), messages].concat());
+    std::fs::write(&from, container(&[chunk])).unwrap();
     let found = recover(&from, &to).unwrap();
-    assert_eq!(
-        (found.frames, found.unreadable, found.other_set_ups, found.messages),
-        (21, 4, 5, 0)
-    );
+    let counts = (found.frames, found.unreadable, found.other_set_ups, found.messages);
+    assert_eq!(counts, (21, 4, 5, 0));
     assert!(!found.damage.is_any(), "{:?}", found.damage);
     // as many frames as a reader finds in both, and every message bit for bit
     let frames = |path: &Path| read(path).unwrap().frames().count() as u64;
     assert_eq!((frames(&from), frames(&to)), (21, 21));
     let whole = std::fs::read(&to).unwrap();
     for (k, message) in mcap::MessageStream::new(&whole).unwrap().enumerate() {
-        assert!(*message.unwrap().data == content(k as u32)[..], "message {k}");
+        assert!(*message.unwrap().data == content(k)[..], "message {k}");
     }
     // nothing is left but both files
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
@@ -362,12 +300,11 @@ fn recover_tells_what_is_whole_but_no_frame() {
 /// The chunk that defines the topics is bad: messages are recognised by their content.
 #[test]
 fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (folder, path) = place("a.mcap");
     let mut bytes = recording(&path, 4);
-    let first = chunks(&bytes)[0];
+    let first = chunks(&bytes)[0].clone();
     // one flipped bit of compressed data may stand for the same text
-    let middle = first.0 + first.1 / 2;
+    let middle = first.start.midpoint(first.end);
     bytes[middle..middle + 8].iter_mut().for_each(|byte| *byte = !*byte);
     let capture = parse(&bytes, &path).unwrap();
     assert_eq!(capture.frames().count() as u64, 4 * PER_CHUNK);
@@ -379,10 +316,9 @@ fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
 
 #[test]
 fn two_recordings_behind_each_other_are_read_both() {
-    let folder = tempfile::tempdir().unwrap();
-    let bytes = recording(&folder.path().join("a.mcap"), 3);
-    let both = [bytes.clone(), bytes].concat();
-    let entries = parse(&both, Path::new("both.mcap")).unwrap().entries;
+    let (_folder, path) = place("a.mcap");
+    let bytes = recording(&path, 3);
+    let entries = parse(&bytes.repeat(2), Path::new("both.mcap")).unwrap().entries;
     let sessions = entries.iter().filter(|entry| matches!(entry, Entry::Session(_))).count();
     assert_eq!((sessions, entries.len() as u64), (2, 2 * (1 + 3 * PER_CHUNK)));
 }

@@ -2,7 +2,7 @@
 
 use crate::common::{point_electrode_disc, rotated};
 use eit_hw::{
-    HealthReport, HwError, MeasuredFrames, Quality, StreamFacts, Trouble, Unit, Verdict,
+    HealthReport, HwError, MeasuredFrames, Quadruple, Quality, StreamFacts, Trouble, Unit, Verdict,
     check_health,
 };
 use fixtures::Random;
@@ -58,115 +58,86 @@ fn nothing_is_found_where_nothing_is_wrong() {
     assert!(report.reciprocity.unwrap() < 1e-3);
 }
 
+/// Healthy frames, but for the measurements that this holds for: their flags and values by frame and measurement.
+fn with(
+    of: impl Fn(Quadruple) -> bool,
+    flags: Quality,
+    value: impl Fn(usize, usize, f64) -> f64,
+) -> MeasuredFrames {
+    let mut frames = healthy();
+    for (m, _) in rotated(16).into_iter().enumerate().filter(|(_, quadruple)| of(*quadruple)) {
+        frames.quality.column_mut(m).fill(flags);
+        let column = frames.values.column_mut(m).into_iter().enumerate();
+        column.for_each(|(frame, slot)| *slot = value(frame, m, *slot));
+    }
+    frames
+}
+
+/// An arbitrary number between -1 and 1.
+fn arbitrary(number: usize) -> f64 {
+    Random::new(number as u64).between(-1.0, 1.0)
+}
+
 #[test]
-fn a_bad_contact_is_found_by_reciprocity() {
+fn faults_of_an_electrode_are_found() {
     for electrode in [0, 5, 15] {
-        let mut frames = healthy();
-        let mut random = Random::new(8);
-        for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
-            // it senses arbitrary values
-            if quadruple[2] == electrode || quadruple[3] == electrode {
-                let offset = random.between(-1.0, 1.0);
-                column.mapv_inplace(|value| value + offset);
-            }
-        }
-        let report = check(&frames);
+        // it senses arbitrary values
+        let senses = |q: Quadruple| q[2..].contains(&electrode);
+        let report = check(&with(senses, Quality::GOOD, |_, m, value| value + arbitrary(m)));
         assert_eq!(report.verdict(), Verdict::Faulty);
         assert_eq!(faults(&report), [electrode], "{:?}", report.findings);
         let line = report.findings[0].to_string();
+        // people count from 1
         assert!(line.starts_with(&format!("electrode {}: reciprocity", electrode + 1)), "{line}");
         assert!(line.contains("fasten it"), "{line}");
     }
-}
-
-#[test]
-fn an_open_electrode_is_found_by_its_flags() {
-    let mut frames = healthy();
-    for (mut column, quadruple) in frames.quality.columns_mut().into_iter().zip(rotated(16)) {
-        if quadruple.contains(&9) {
-            column.fill(Quality::SATURATED);
-        }
-    }
-    let report = check(&frames);
+    let report = check(&with(|q| q.contains(&9), Quality::SATURATED, |_, _, value| value));
     assert_eq!(faults(&report), [9], "{:?}", report.findings);
     assert!(matches!(report.findings[0].trouble, Trouble::Open { flagged_share: 1.0 }));
-}
 
-#[test]
-fn a_noisy_electrode_is_a_warning() {
-    let mut frames = healthy();
-    let mut random = Random::new(15);
-    for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
-        if quadruple[2] == 3 || quadruple[3] == 3 {
-            column.mapv_inplace(|value| value + 20.0 * NOISE * random.between(-1.0, 1.0));
-        }
-    }
-    let report = check(&frames);
+    let senses = |q: Quadruple| q[2..].contains(&3);
+    let noise = |frame, m, value| value + 20.0 * NOISE * arbitrary(208 * frame + m);
+    let report = check(&with(senses, Quality::GOOD, noise));
     assert_eq!((report.verdict(), faults(&report)), (Verdict::Usable, vec![3]));
     assert!(report.findings[0].to_string().contains("times as noisy"));
-}
-
-/// Where a converter hides the noise of most channels, those that change by a step are not noisier than it.
-#[test]
-fn a_coarse_converter_makes_no_electrode_noisy() {
-    let mut frames = healthy();
-    let quadruples = rotated(16);
-    let mean = frames.values.row(0).to_owned();
-    for (frame, mut row) in frames.values.rows_mut().into_iter().enumerate() {
-        for ((value, quadruple), mean) in row.iter_mut().zip(&quadruples).zip(&mean) {
-            let senses = quadruple[2..].contains(&3);
-            *value = mean + if senses && frame % 3 == 0 { NOISE } else { 0.0 };
-        }
-    }
-    let report = check(&frames);
+    // where a converter hides the noise of most channels, those that change by a step are not noisier than it
+    let mean = healthy().values.row(0).to_owned();
+    let coarse = |frame: usize, m: usize, _| {
+        let is_step = senses(rotated(16)[m]) && frame.is_multiple_of(3);
+        mean[m] + if is_step { NOISE } else { 0.0 }
+    };
+    let report = check(&with(|_| true, Quality::GOOD, coarse));
     assert!(report.electrodes.iter().all(|electrode| electrode.noise_ratio < 5.0));
     assert!(faults(&report).is_empty(), "{:?}", report.findings);
 }
 
 #[test]
 fn troubles_of_the_whole_are_reported_with_what_to_try() {
-    let only = |report: &HealthReport, start: &str| {
-        assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
-        let line = report.findings[0].to_string();
-        assert!(line.starts_with(start), "{line}");
-    };
     let mut saturated = healthy();
     saturated.quality.column_mut(0).fill(Quality::SATURATED);
     saturated.quality.column_mut(60).fill(Quality::SATURATED);
     saturated.quality.column_mut(120).fill(Quality::OVER_RANGE);
-    only(&check(&saturated), "1.4 % of the values are saturated; lower the gain");
-
-    let mut drifting = healthy();
-    for (frame, mut row) in drifting.values.rows_mut().into_iter().enumerate() {
-        row.mapv_inplace(|value| value + frame as f64 * NOISE);
-    }
-    only(&check(&drifting), "values drift by");
-
-    let mut swapped = healthy();
-    // swapping the wires of two electrodes at the voltmeter is not the fault of one electrode
-    let mut random = Random::new(1);
-    swapped
-        .values
-        .columns_mut()
-        .into_iter()
-        .for_each(|mut column| column.fill(random.between(-1.0, 1.0)));
-    let report = check(&swapped);
-    assert!(report.findings[0].to_string().starts_with("reciprocity error"), "{report:?}");
-
+    let drifts = |frame, _, value| value + frame as f64 * NOISE;
     let mut stuck = healthy();
     stuck.quality.column_mut(13).fill(Quality::STUCK);
-    only(&check(&stuck), "drive (2, 3), pair (4, 5) does not change; check the multiplexer");
+    let of = |lost_frames, wanted_rate_hz| StreamFacts { lost_frames, wanted_rate_hz };
+    for (frames, facts, wanted) in [
+        (saturated, facts(), "1.4 % of the values are saturated; lower the gain"),
+        (with(|_| true, Quality::GOOD, drifts), facts(), "values drift by"),
+        (stuck, facts(), "drive (2, 3), pair (4, 5) does not change; check the multiplexer"),
+        (healthy(), of(6, None), "9.1 % of the data are lost"),
+        (healthy(), of(0, Some(50.0)), "25.00 frames per second instead of 50.00"),
+    ] {
+        let findings = check_health(&frames, &rotated(16), &facts).unwrap().findings;
+        assert_eq!(findings.len(), 1, "{findings:?}");
+        assert!(findings[0].to_string().starts_with(wanted), "{findings:?}");
+    }
 
-    let lossy = StreamFacts { lost_frames: 6, wanted_rate_hz: None };
-    let report = check_health(&healthy(), &rotated(16), &lossy).unwrap();
-    only(&report, "9.1 % of the data are lost");
-    let slow = StreamFacts { lost_frames: 0, wanted_rate_hz: Some(50.0) };
-    let report = check_health(&healthy(), &rotated(16), &slow).unwrap();
-    only(&report, "25.00 frames per second instead of 50.00");
+    // swapping the wires of two electrodes at the voltmeter is not the fault of one electrode
+    let report = check(&with(|_| true, Quality::GOOD, |_, m, _| arbitrary(m)));
+    assert!(report.findings[0].to_string().starts_with("reciprocity error"), "{report:?}");
 
-    let mut silent = healthy();
-    silent.values.fill(0.0);
-    let report = check(&silent);
+    let report = check(&with(|_| true, Quality::GOOD, |_, _, _| 0.0));
     assert_eq!(report.verdict(), Verdict::Faulty);
     assert!(report.findings.iter().any(|finding| finding.trouble == Trouble::Silent));
 }
@@ -174,55 +145,43 @@ fn troubles_of_the_whole_are_reported_with_what_to_try() {
 /// A board that repeats an old frame has no noise, no drift and no loss.
 #[test]
 fn frames_that_are_all_equal_are_named() {
-    let is_frozen = |report: &HealthReport| {
-        report.findings.iter().any(|finding| finding.trouble == Trouble::Frozen { frames: FRAMES })
+    let frozen = |frames: &MeasuredFrames| {
+        let is_frozen = |trouble: &Trouble| *trouble == Trouble::Frozen { frames: FRAMES };
+        check(frames).findings.into_iter().find(|finding| is_frozen(&finding.trouble))
     };
-    let mut frozen = healthy();
-    let first = frozen.values.row(0).to_owned();
-    frozen.values.rows_mut().into_iter().for_each(|mut row| row.assign(&first));
-    let report = check(&frozen);
-    assert!(is_frozen(&report), "{:?}", report.findings);
-    assert!(report.findings.iter().any(|f| f.to_string().starts_with("all 60 frames are equal;")));
+    assert_eq!(frozen(&healthy()), None);
+    let first = healthy().values.row(0).to_owned();
+    let mut frames = with(|_| true, Quality::GOOD, |_, m, _| first[m]);
+    assert!(frozen(&frames).unwrap().to_string().starts_with("all 60 frames are equal;"));
     // the last digit of one value
-    let mut moving = frozen;
-    moving.values[[FRAMES - 1, 207]] *= 1.0 + 2.0 * f64::EPSILON;
-    assert!(!is_frozen(&check(&moving)));
-    assert!(!is_frozen(&check(&healthy())));
+    frames.values[[FRAMES - 1, 207]] *= 1.0 + 2.0 * f64::EPSILON;
+    assert_eq!(frozen(&frames), None);
 }
 
 /// Frames without numbers are lost; those of an electrode without contact are its fault alone.
 #[test]
 fn frames_without_numbers_are_lost() {
-    let lost = |report: &HealthReport| {
-        report.findings.iter().find_map(|finding| match finding.trouble {
+    let found = |frames: &MeasuredFrames| {
+        let report = check(frames);
+        let lost = report.findings.iter().find_map(|finding| match finding.trouble {
             Trouble::Loss { share } => Some(share),
             _ => None,
-        })
+        });
+        (lost, faults(&report))
     };
     let mut broken = healthy();
     for frame in [7, 20, 41] {
         broken.values.row_mut(frame).fill(f64::NAN);
         broken.quality.row_mut(frame).fill(Quality::NON_FINITE);
     }
-    let report = check(&broken);
-    assert_eq!(lost(&report), Some(3.0 / 60.0), "{:?}", report.findings);
-    assert!(faults(&report).is_empty(), "{:?}", report.findings);
-
-    let mut open = healthy();
-    for (m, quadruple) in rotated(16).iter().enumerate() {
-        if quadruple.contains(&9) {
-            open.values.column_mut(m).fill(f64::NAN);
-            open.quality.column_mut(m).fill(Quality::NON_FINITE);
-        }
-    }
-    let report = check(&open);
-    assert_eq!((lost(&report), faults(&report)), (None, vec![9]), "{:?}", report.findings);
+    assert_eq!(found(&broken), (Some(3.0 / 60.0), vec![]));
+    let open = with(|q| q.contains(&9), Quality::NON_FINITE, |_, _, _| f64::NAN);
+    assert_eq!(found(&open), (None, vec![9]));
 }
 
 #[test]
 fn bad_input_is_refused() {
-    let frames = healthy();
-    let error = check_health(&frames, &rotated(8), &facts()).unwrap_err();
+    let error = check_health(&healthy(), &rotated(8), &facts()).unwrap_err();
     assert!(matches!(error, HwError::QuadrupleCount { quadruples: 40, count: 208 }));
     let mut few = healthy();
     few.values = few.values.select(ndarray::Axis(0), &[0, 1, 2]);
@@ -242,7 +201,5 @@ fn a_real_tank_is_healthy() {
     let wanted = rotated(16);
     let frames = recording.frames_for(Some(&wanted), 208, eit_hw::Component::Phased).unwrap();
     let report = check_health(&frames, &wanted, &StreamFacts::default()).unwrap();
-    println!("{:?} dB, reciprocity {:?}", report.signal_to_noise_db, report.reciprocity);
-    report.findings.iter().for_each(|finding| println!("{finding}"));
-    assert!(faults(&report).is_empty() && report.verdict() != Verdict::Faulty);
+    assert!(faults(&report).is_empty() && report.verdict() != Verdict::Faulty, "{report:?}");
 }

@@ -1,16 +1,16 @@
 //! Recordings that are split into parts: read back as one, and as safe as one file.
 
-use crate::common;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::common::recordings::{frame, session};
-use crate::common::rotated;
+use crate::common::instruments::wait_for;
+use crate::common::recordings::{self, append, frame, session};
+use crate::common::{place, rotated};
 use eit_hw::capture::{
     CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord, TouchesRecord,
     files, read, recover,
 };
-use eit_hw::driver::{Event, FrameSource, Pace, Replay};
+use eit_hw::driver::{Event, Pace, Replay};
 use eit_hw::{HwError, ReadOptions, read_recording};
 use fixtures::Random;
 
@@ -26,8 +26,8 @@ fn split() -> CaptureSettings {
 fn write(writer: &mut CaptureWriter, sequences: std::ops::Range<u64>) {
     for sequence in sequences {
         writer.frame(&frame(sequence)).unwrap();
-        let json =
-            format!(r#"{{"sequence":{sequence},"touches":[{{"id":1,"position_m":[0,0,0]}}]}}"#);
+        let touch = r#"{"id":1,"position_m":[0,0,0]}"#;
+        let json = format!(r#"{{"sequence":{sequence},"touches":[{touch}]}}"#);
         writer.touches(&TouchesRecord::new(json).unwrap()).unwrap();
         if sequence % 7 == 0 {
             writer.note(&format!("note {sequence}")).unwrap();
@@ -41,9 +41,8 @@ fn write(writer: &mut CaptureWriter, sequences: std::ops::Range<u64>) {
 /// Writes `count` frames in parts, and the same in one file; returns both names.
 fn recorded(folder: &Path, count: u64) -> (PathBuf, PathBuf) {
     let [parts, one] = ["press.mcap", "one.mcap"].map(|name| folder.join(name));
-    for (path, settings) in
-        [(&parts, split()), (&one, CaptureSettings { part_bytes: None, ..split() })]
-    {
+    let whole = CaptureSettings { part_bytes: None, ..split() };
+    for (path, settings) in [(&parts, split()), (&one, whole)] {
         let mut writer = CaptureWriter::create(path, &session(), settings).unwrap();
         write(&mut writer, 0..count);
         writer.finish().unwrap();
@@ -55,18 +54,11 @@ fn sequences(path: &Path) -> Vec<u64> {
     read(path).unwrap().frames().map(|frame| frame.sequence).collect()
 }
 
-/// Replays a recording; returns its frames as `epoch.sequence`, and its other events but notes.
+/// Replays a recording without its notes.
 fn replayed(path: &Path) -> Vec<String> {
-    let mut replay = Replay::open(path, None, Pace::OnDemand).unwrap();
-    let mut reported = Vec::new();
-    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
-        match event {
-            Event::Frame(frame) => reported.push(format!("{}.{}", frame.epoch, frame.sequence)),
-            Event::Notice(_) => {}
-            other => reported.push(format!("{other:?}")),
-        }
-    }
-    reported
+    let mut said = recordings::replayed(Replay::open(path, None, Pace::OnDemand).unwrap());
+    said.retain(|text| !text.starts_with("notice"));
+    said
 }
 
 #[test]
@@ -74,10 +66,8 @@ fn parts_are_read_as_one() {
     let folder = tempfile::tempdir().unwrap();
     let (parts, one) = recorded(folder.path(), 130);
     let found = files(&parts);
-    let names: Vec<&str> =
-        found.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
-    let wanted = ["00001", "00002", "00003", "00004"].map(|n| format!("press.{n}.mcap"));
-    assert_eq!(names, wanted);
+    let wanted = [1, 2, 3, 4].map(|n| folder.path().join(format!("press.0000{n}.mcap")));
+    assert_eq!(found, wanted);
     assert!(!parts.exists());
     assert_eq!(read(&parts).unwrap(), read(&one).unwrap());
     assert_eq!(read(&parts).unwrap().damage, Damage::default());
@@ -87,29 +77,24 @@ fn parts_are_read_as_one() {
     as_parts.path.clone_from(&as_one.path);
     assert_eq!(as_parts, as_one);
     // log times never go back
-    let mut reader = CaptureReader::open(&parts).unwrap();
-    let mut last = 0;
+    let (mut reader, mut last) = (CaptureReader::open(&parts).unwrap(), 0);
     while reader.next_entry().unwrap().is_some() {
-        let times = reader.times().unwrap();
-        assert!(times.log_ns >= last);
-        last = times.log_ns;
+        let log_ns = reader.times().unwrap().log_ns;
+        assert!(log_ns >= last);
+        last = log_ns;
     }
     // each part is a complete recording of its own, whose touches are those of its frames
     let mut next = 0;
     for file in &found {
         let part = read(file).unwrap();
         assert_eq!(part.damage, Damage::default());
-        let session = part.sessions().next().unwrap();
-        assert_eq!(session.continues, next > 0);
-        assert_eq!(
-            SessionRecord { continues: false, ..session.clone() },
-            common::recordings::session()
-        );
+        let own = part.sessions().next().unwrap();
+        assert_eq!(*own, SessionRecord { continues: next > 0, ..session() });
         let of_touches = part.entries.iter().filter_map(|entry| match entry {
             Entry::Touches(touches) => Some(touches.sequence()),
             _ => None,
         });
-        let of_frames: Vec<u64> = part.frames().map(|frame| frame.sequence).collect();
+        let of_frames = sequences(file);
         assert_eq!(of_touches.collect::<Vec<_>>(), of_frames);
         assert_eq!(of_frames[0], next);
         next += of_frames.len() as u64;
@@ -125,8 +110,7 @@ fn parts_are_read_as_one() {
 
 #[test]
 fn parts_end_by_time_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     let settings = CaptureSettings { part_s: Some(1.0), ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
     writer.frame(&frame(0)).unwrap();
@@ -145,6 +129,7 @@ fn parts_end_by_time_too() {
         (CaptureSettings { part_s: Some(0.9), ..settings }, "part_s"),
         (CaptureSettings { part_s: Some(f64::NAN), ..settings }, "part_s"),
         (CaptureSettings { part_bytes: Some(99_999), ..settings }, "part_bytes"),
+        (CaptureSettings { flush_s: f64::NAN, ..settings }, "flush_s"),
     ] {
         let refused = CaptureWriter::create(&folder.path().join("b.mcap"), &session(), settings);
         assert!(matches!(refused, Err(HwError::Setting { name, .. }) if name == key));
@@ -154,15 +139,14 @@ fn parts_end_by_time_too() {
 /// A killed recorder loses what came after its last chunk, whichever part it was writing.
 #[test]
 fn an_unfinished_part_is_appended_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     for flushed in [2 * PER_PART, 2 * PER_PART + 10] {
         let mut writer = CaptureWriter::create(&path, &session(), split()).unwrap();
         write(&mut writer, 0..flushed);
         writer.flush().unwrap();
         write(&mut writer, flushed..flushed + 5);
         // a second recorder is rejected, and told which file is in use
-        let busy = CaptureWriter::append(&path, &session(), split()).err().unwrap();
+        let busy = append(&path).err().unwrap();
         assert!(matches!(busy, HwError::Busy { .. }) && busy.to_string().contains("press.0000"));
         for new in [split(), CaptureSettings::default()] {
             let exists = CaptureWriter::create(&path, &session(), new).err().unwrap();
@@ -171,12 +155,8 @@ fn an_unfinished_part_is_appended_to() {
         }
         // threads write the indices of the parts before the last one
         let parts = files(&path);
-        let start = std::time::Instant::now();
         for part in &parts[..parts.len() - 1] {
-            while read(part).unwrap().damage != Damage::default() {
-                assert!(start.elapsed() < Duration::from_secs(30), "{part:?} has no index");
-                std::thread::sleep(Duration::from_millis(10));
-            }
+            wait_for(|| read(part).unwrap().damage == Damage::default());
         }
         // as a killed program leaves it
         let copies = folder.path().join("killed");
@@ -188,13 +168,7 @@ fn an_unfinished_part_is_appended_to() {
         writer.finish().unwrap();
         let capture = read(&killed).unwrap();
         assert!(capture.damage.unfinished && !capture.damage.is_any());
-        let before: Vec<u64> = (0..flushed).collect();
-        assert_eq!(sequences(&killed), before);
-        // another set-up is rejected
-        let other = SessionRecord { quadruples: rotated(8), ..session() };
-        let refused = CaptureWriter::append(&killed, &other, split()).err().unwrap().to_string();
-        assert!(refused.contains("other measurements"), "{refused}");
-        assert_eq!(sequences(&killed), before);
+        assert_eq!(sequences(&killed), (0..flushed).collect::<Vec<_>>());
         // a second run, in further parts
         let parts = files(&killed).len();
         let mut writer = CaptureWriter::append(&killed, &session(), split()).unwrap();
@@ -202,13 +176,9 @@ fn an_unfinished_part_is_appended_to() {
         writer.finish().unwrap();
         assert!(files(&killed).len() > parts);
         assert!(!read(&killed).unwrap().damage.unfinished);
-        let reported = replayed(&killed);
-        let wanted = |epoch: u32, count: u64| (0..count).map(move |n| format!("{epoch}.{n}"));
-        let wanted: Vec<String> = wanted(0, flushed)
-            .chain([format!("{:?}", Event::Reconnected { epoch: 1 })])
-            .chain(wanted(1, 2 * PER_PART))
-            .collect();
-        assert_eq!(reported, wanted);
+        let run = |epoch: u32, count: u64| (0..count).map(move |n| format!("{epoch}.{n}"));
+        let again = format!("{:?}", Event::Reconnected { epoch: 1 });
+        assert!(run(0, flushed).chain([again]).chain(run(1, 2 * PER_PART)).eq(replayed(&killed)));
         for file in files(&path).iter().chain(&files(&killed)) {
             std::fs::remove_file(file).unwrap();
         }
@@ -227,7 +197,7 @@ fn an_empty_last_part_is_appended_to_with_the_same_set_up_only() {
     let other = SessionRecord { quadruples: rotated(8), ..session() };
     let refused = CaptureWriter::append(&path, &other, split()).err().unwrap().to_string();
     assert!(refused.contains("other measurements"), "{refused}");
-    let mut writer = CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap();
+    let mut writer = append(&path).unwrap();
     write(&mut writer, 0..3 * PER_PART);
     writer.finish().unwrap();
     // without limits, no further part
@@ -253,47 +223,43 @@ fn one_file_is_not_split_later() {
 fn damage_of_one_part_costs_nothing_of_the_others() {
     let folder = tempfile::tempdir().unwrap();
     let (path, _) = recorded(folder.path(), 4 * PER_PART);
-    let parts = files(&path);
+    let (parts, whole) = (files(&path), folder.path().join("whole.mcap"));
     assert_eq!(parts.len(), 4);
     let mut random = Random::new(11);
     for (number, part) in parts.iter().enumerate() {
         let bytes = std::fs::read(part).unwrap();
-        let own = number as u64 * PER_PART..(number as u64 + 1) * PER_PART;
-        let others: Vec<u64> = (0..4 * PER_PART).filter(|n| !own.contains(n)).collect();
+        let is_other = |sequence: &u64| sequence / PER_PART != number as u64;
+        let others: Vec<u64> = (0..4 * PER_PART).filter(is_other).collect();
         std::fs::remove_file(part).unwrap();
-        let capture = read(&path).unwrap();
         assert_eq!(sequences(&path), others);
         // a missing end cannot be known
-        let missing = usize::from(number < 3);
-        assert_eq!(capture.damage, Damage { missing_parts: missing, ..Damage::default() });
+        let missing_parts = usize::from(number < 3);
+        assert_eq!(read(&path).unwrap().damage, Damage { missing_parts, ..Damage::default() });
         // frames before and after a gap may belong to different runs
         let reported = replayed(&path);
         let is_split = reported.iter().any(|reported| reported.contains("Reconnected"));
         assert_eq!(is_split, number == 1 || number == 2, "{reported:?}");
-        for _ in 0..20 {
+        for _ in 0..8 {
             let length = random.below(bytes.len());
             std::fs::write(part, &bytes[..length]).unwrap();
-            let found = sequences(&path);
-            let rest: Vec<u64> = found.iter().copied().filter(|n| !own.contains(n)).collect();
-            assert_eq!(rest, others, "{length} bytes");
-            let damage = read(&path).unwrap().damage;
+            let capture = read(&path).unwrap();
+            let found: Vec<u64> = capture.frames().map(|frame| frame.sequence).collect();
+            assert!(found.iter().copied().filter(is_other).eq(others.clone()), "{length} bytes");
+            let damage = capture.damage;
             assert!(damage.unfinished || damage.missing_parts == 1, "{length} bytes: {damage:?}");
             // what `recover` writes is the same
-            let whole = folder.path().join("whole.mcap");
             let recovered = recover(&path, &whole).unwrap();
             assert_eq!((sequences(&whole), recovered.damage), (found, damage), "{length} bytes");
             std::fs::remove_file(&whole).unwrap();
         }
         std::fs::write(part, &bytes).unwrap();
     }
-    assert_eq!(sequences(&path).len() as u64, 4 * PER_PART);
 }
 
 /// If the next part cannot be created, the recording goes on where it is.
 #[test]
 fn a_part_that_cannot_be_created_costs_no_frame() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("press.mcap");
+    let (folder, path) = place("press.mcap");
     let mut writer = CaptureWriter::create(&path, &session(), split()).unwrap();
     write(&mut writer, 0..PER_PART);
     // in the way of the second part
@@ -308,9 +274,6 @@ fn a_part_that_cannot_be_created_costs_no_frame() {
     // the first part is longer by one chunk
     let counts: Vec<u64> = parts.iter().map(|part| sequences(part).len() as u64).collect();
     assert_eq!(counts, [2 * PER_PART, PER_PART, PER_PART]);
-    let first = read(&parts[0]).unwrap();
-    let is_reported = first.entries.iter().any(
-        |entry| matches!(entry, Entry::Note(text) if text.contains("press.00002.mcap: exists")),
-    );
-    assert!(is_reported);
+    let notes = format!("{:?}", read(&parts[0]).unwrap().entries);
+    assert!(notes.contains("press.00002.mcap: exists"));
 }

@@ -1,5 +1,4 @@
-//! Every reader on real recordings; each figure is stated in the folder's README.md. One file,
-//! because all recordings go through the same checks.
+//! Every reader on real recordings; each figure is stated in the folder's README.md.
 
 use std::path::Path;
 
@@ -7,9 +6,9 @@ use crate::common::{
     ascending, ascending_kept, opposite, point_electrode_disc, rotated, rotated_kept, table,
 };
 use eit_hw::{
-    At, Component, Format, FrameOrientation, HwError, Layout, MeasuredFrames, Note, OrderVerdict,
-    Quadruple, Quality, ReadOptions, Recording, SkipReason, SkippedFrame, Unit, model_correlation,
-    read_recording, reciprocity_error, recognise_order,
+    At, Component, Format, Frame, FrameOrientation, HwError, Layout, MeasuredFrames, Note,
+    OrderVerdict, Quadruple, Quality, ReadOptions, Recording, SkipReason, SkippedFrame, Unit,
+    model_correlation, read_recording, reciprocity_error, recognise_order,
 };
 
 const METAL: &str = "pyeidors_tank16/electrode01_metal.csv";
@@ -26,7 +25,7 @@ fn real_frames(recording: &Recording, quadruples: &[Quadruple]) -> MeasuredFrame
 
 /// Returns the reciprocity error of each frame.
 fn errors(frames: &MeasuredFrames, quadruples: &[Quadruple]) -> Vec<f64> {
-    let error = |frame: eit_hw::Frame| reciprocity_error(quadruples, &frame.values).unwrap();
+    let error = |frame: Frame| reciprocity_error(quadruples, &frame.values).unwrap();
     frames.frames().map(error).collect()
 }
 
@@ -44,19 +43,14 @@ fn order_is_recognised(frame: &[f64], right: &[Quadruple], wrong: &[Quadruple]) 
     let verdict = recognise_order(frame, right, &[("wrong", wrong.to_vec())]);
     assert!(matches!(verdict, OrderVerdict::Consistent { .. }), "{verdict:?}");
     let alternatives = [("right", right.to_vec()), ("wrong too", wrong.to_vec())];
-    match recognise_order(frame, wrong, &alternatives) {
-        OrderVerdict::Other { better, ours } => {
-            assert_eq!(better.len(), 1);
-            assert_eq!(better[0].setting, "right");
-            // wrong orders of all these recordings have errors of at least 0.75
-            assert!(ours > 0.75, "{ours}");
-        }
-        other => panic!("{other:?}"),
-    }
+    let verdict = recognise_order(frame, wrong, &alternatives);
+    let OrderVerdict::Other { better, ours } = verdict else { panic!("{verdict:?}") };
+    assert!(better.len() == 1 && better[0].setting == "right", "{better:?}");
+    // wrong orders of all these recordings have errors of at least 0.75
+    assert!(ours > 0.75, "{ours}");
 }
 
-/// Each recording's reciprocity errors are those stated, and its order of measurements is recognised. Its shape is
-/// that of a homogeneous disc with point electrodes, with the sign of the instrument.
+/// The shape is that of a homogeneous disc with point electrodes, with the sign of the instrument.
 #[test]
 fn orders_errors_and_signs_are_those_stated() {
     let turned = [rotated(16), ascending(16)];
@@ -64,8 +58,7 @@ fn orders_errors_and_signs_are_those_stated() {
     let kept = [ascending_kept(16), rotated_kept(16)];
     let (goe, sciospec, lct) = (Format::Goe, Format::Sciospec, Format::Lct);
     let lct_errors = [0.0975, 0.146];
-    // the right order of the measurements and a wrong one, the lowest and highest error of a frame, and the sign
-    // unless what is in the tank may hide its shape
+    // right and wrong order, lowest and highest error of a frame, and the sign unless the tank may hide its shape
     for (file, format, dim, [right, wrong], [low, high], sign) in [
         // single frames vary by 0.1 to 0.3 %
         ("goe_mf2_ball/ball_200_frames.get", goe, (200, 208), &turned, [0.0265, 0.0315], -1),
@@ -97,6 +90,11 @@ fn orders_errors_and_signs_are_those_stated() {
             _ => Unit::Arbitrary,
         };
         assert_eq!(recording.unit, unit, "{file}");
+        if format == Format::Lct {
+            assert_eq!(recording.frequency_hz, Some(10e3));
+            // 13 header lines, 208 rows, and one more
+            assert_eq!(recording.notes, [Note::RepeatedLastRow { line: 222 }]);
+        }
         let frames = real_frames(&recording, right);
         within(&errors(&frames, right), low, high);
         let mean = frames.mean_frame();
@@ -127,7 +125,7 @@ fn goe_and_golf_ball() {
 }
 
 #[test]
-fn sciospec_255_frames_at_20_a_second() {
+fn sciospec_255_frames_at_20_a_second_with_any_pairs_of_its_drives() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
     let recording = recognised(&folder);
     assert_eq!((recording.frequency_hz, recording.current_a), (Some(10e3), Some(5e-3)));
@@ -136,67 +134,36 @@ fn sciospec_255_frames_at_20_a_second() {
     };
     assert_eq!(drives[15], [15, 0]);
 
-    let frames = real_frames(&recording, &rotated(16));
-    let times = frames.device_time_s.as_ref().unwrap();
+    let times = real_frames(&recording, &rotated(16)).device_time_s.unwrap();
+    // current enters at the first channel of a drive, which has the highest potential
+    let row = recording.real.row(0).to_vec();
+    for (&[a, b], potentials) in drives.iter().zip(row.chunks(16)) {
+        let between = potentials[b as usize]..=potentials[a as usize];
+        assert!(potentials.iter().all(|potential| between.contains(potential)));
+    }
     assert_eq!(times[0], 0.0);
     // 254 periods of 50 ms; the time stamps in the files jitter by less than one
     assert!((times[254] - 12.7).abs() < 0.05, "{}", times[254]);
 
-    // the scene's current of 1 mA instead of the file's 5 mA: a fifth of the volts
-    let mut scaled = frames.clone();
-    scaled.to_volts(1e-3);
-    assert_eq!((frames.current_a, scaled.current_a), (Some(5e-3), Some(1e-3)));
-    assert_eq!(scaled.values, &frames.values * (1e-3 / 5e-3));
-    assert_eq!((scaled.unit, scaled.frequency_hz), (Unit::Volt, Some(10e3)));
-
-    // current enters at the first channel of a drive, which has the highest potential
-    for (index, &[a, b]) in drives.iter().enumerate() {
-        let row = recording.real.row(0).to_owned();
-        let potentials = &row.as_slice().unwrap()[index * 16..][..16];
-        assert!(potentials.iter().all(|&potential| potential <= potentials[a as usize]));
-        assert!(potentials.iter().all(|&potential| potential >= potentials[b as usize]));
-    }
-}
-
-#[test]
-fn sciospec_gives_any_pairs_of_its_drives_with_their_sign() {
-    let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
+    // any pairs of its drives, with their sign
     let recording = recognised(&folder.join("setup_00001.eit"));
     assert_eq!(recording.frame_count(), 1);
-    let quadruples = [[0, 1, 0, 1], [1, 0, 0, 1], [0, 1, 1, 0], [0, 1, 0, 0]];
-    let frames = real_frames(&recording, &quadruples);
+    let frames = real_frames(&recording, &[[0, 1, 0, 1], [1, 0, 0, 1], [0, 1, 1, 0], [0, 1, 0, 0]]);
     // first line of the file: 1.2616... and -1.2601...
     let first = 1.261_636_853_218_078_6 + 1.260_147_690_773_010_3;
     assert_eq!(frames.values.row(0).to_vec(), [first, -first, -first, 0.0]);
+    let of = |quadruple| recording.frames_for(Some(&[quadruple]), 1, Component::Real);
     assert!(matches!(
-        recording.frames_for(Some(&[[0, 8, 2, 3]]), 1, Component::Real),
+        of([0, 8, 2, 3]),
         Err(HwError::MissingDrive { a: 0, b: 8, first_a: 0, first_b: 1, .. })
     ));
-    assert!(matches!(
-        recording.frames_for(Some(&[[0, 1, 2, 16]]), 1, Component::Real),
-        Err(HwError::MissingElectrode { electrode: 16, count: 16, .. })
-    ));
-}
-
-#[test]
-fn lct_voltage_over_current() {
-    let Some(folder) = fixtures::shared_data("lct_2004") else { return };
-    for name in ["metal_1", "metal_2_180", "plastic_1", "water_1", "water_2", "water_3"] {
-        let recording = recognised(&folder.join(format!("{name}.txt")));
-        assert_eq!(recording.frequency_hz, Some(10e3));
-        // 13 header lines, 208 rows, and one more
-        assert_eq!(recording.notes, [Note::RepeatedLastRow { line: 222 }]);
-        let frames = real_frames(&recording, &ascending(16));
-        let mut volts = frames.clone();
-        volts.to_volts(2e-3);
-        assert_eq!((volts.unit, volts.values), (Unit::Volt, frames.values * 2e-3));
-    }
+    let missing = of([0, 1, 2, 16]);
+    assert!(matches!(missing, Err(HwError::MissingElectrode { electrode: 16, count: 16, .. })));
 }
 
 #[test]
 fn pyeidors_columns_alternate() {
-    let frames_are = Some(FrameOrientation::Columns);
-    let options = ReadOptions { frames_are, complex: true, ..ReadOptions::default() };
+    let options = table(FrameOrientation::Columns, true);
     for file in [METAL, METAL_AND_PLASTIC] {
         let Some(path) = fixtures::shared_data(file) else { return };
         let recording = read_recording(&path, None, &options).unwrap();
@@ -218,52 +185,43 @@ fn pyeidors_columns_alternate() {
 #[test]
 fn umitooko_logs() {
     let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
+    let right = rotated(16);
     // a reference and 242 frames that start with `s`, all complete
     let recording = recognised(&folder.join("__3.txt"));
-    assert_eq!(recording.skipped.frames, 0);
-    assert_eq!(recording.reference_frame, Some(0));
+    assert_eq!((recording.skipped.frames, recording.reference_frame), (0, Some(0)));
     assert_eq!(recording.notes, [Note::Reference { line: 1, frame: 0 }]);
-    let frames = real_frames(&recording, &rotated(16));
-    let saturated: Vec<_> = frames
-        .frames()
-        .filter(|frame| frame.quality.contains(&Quality::SATURATED))
-        .map(|frame| frame.sequence)
-        .collect();
+    let frames = real_frames(&recording, &right);
+    let is_saturated = |frame: &Frame| frame.quality.contains(&Quality::SATURATED);
+    let saturated: Vec<_> = frames.frames().filter(is_saturated).map(|f| f.sequence).collect();
     // in two frames one electrode is off: its 25 values are at the full scale of 6.55
     assert_eq!(saturated, [74, 75]);
-    let good: Vec<_> =
-        frames.frames().filter(|frame| frame.quality.iter().all(|q| q.is_good())).collect();
-    let error = |frame: &eit_hw::Frame| reciprocity_error(&rotated(16), &frame.values).unwrap();
-    let mean = good.iter().map(error).sum::<f64>() / good.len() as f64;
+    let good = frames.frames().filter(|frame| frame.quality.iter().all(|q| q.is_good()));
+    let good: Vec<f64> = good.map(|f| reciprocity_error(&right, &f.values).unwrap()).collect();
+    let mean = good.iter().sum::<f64>() / good.len() as f64;
     // stated: 1.5 to 4 %
     assert!((0.015..0.04).contains(&mean), "{mean}");
-
     // with an electrode off no order fits, and none is suggested
     let off = frames.frames().nth(74).unwrap();
-    let verdict = recognise_order(&off.values, &rotated(16), &[("other", ascending(16))]);
+    let verdict = recognise_order(&off.values, &right, &[("other", ascending(16))]);
     assert!(matches!(verdict, OrderVerdict::Unclear { ours: Some(_), .. }), "{verdict:?}");
-}
 
-#[test]
-fn umitooko_log_that_starts_within_a_frame_and_reference_of_one_line() {
-    let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
+    // one that starts within a frame
     let recording = recognised(&folder.join("efl_4_good.txt"));
-    assert_eq!(recording.real.dim(), (284, 208));
-    assert_eq!(recording.skipped.frames, 1);
+    assert_eq!((recording.real.dim(), recording.skipped.frames), ((284, 208), 1));
     let reason = SkipReason::NoStart;
     assert_eq!(recording.skipped.first, [SkippedFrame { at: At::Line(1), reason }]);
-    let found = errors(&real_frames(&recording, &rotated(16)), &rotated(16));
+    let found = errors(&real_frames(&recording, &right), &right);
     // stated: 1.5 to 4 %; single frames up to 5.1 %
     within(&found, 0.015, 0.052);
     assert!(found.iter().sum::<f64>() / 284.0 < 0.04);
 
+    // a reference of one line
     let path = folder.join("ref_data.txt");
     let log = read_recording(&path, Some(Format::SerialLog), &ReadOptions::default()).unwrap();
     let csv = recognised(&path);
-    assert_eq!(log.real.dim(), (1, 208));
-    assert_eq!(csv.format, Format::Csv);
+    assert_eq!((log.real.dim(), csv.format), ((1, 208), Format::Csv));
     assert_eq!(log.real, csv.real);
-    within(&errors(&real_frames(&log, &rotated(16)), &rotated(16)), 0.015, 0.04);
+    within(&errors(&real_frames(&log, &right), &right), 0.015, 0.04);
 }
 
 #[test]
@@ -273,21 +231,19 @@ fn khu_volts_gain_and_overflow() {
         let recording = recognised(&folder.join(name));
         assert_eq!(recording.format, Format::Khu);
         // 20 scans of 31 projections of 32 channels
-        assert_eq!(recording.real.dim(), (20, 31 * 32));
-        assert_eq!(recording.unit, Unit::Volt);
+        assert_eq!((recording.real.dim(), recording.unit), ((20, 31 * 32), Unit::Volt));
         assert!(recording.notes.is_empty());
         let Layout::Quadruples(quadruples) = &recording.layout else { panic!() };
-        for (frame, flags) in recording.quality.as_ref().unwrap().rows().into_iter().enumerate() {
-            for (projection, flags) in flags.as_slice().unwrap().chunks(32).enumerate() {
-                let overflowed: Vec<_> =
-                    (0..32).filter(|&c| flags[c].contains(Quality::SATURATED)).collect();
-                assert_eq!(overflowed.len(), 2, "frame {frame}, projection {projection}");
-                for channel in overflowed {
-                    let quadruple @ [a, b, m, n] = quadruples[projection * 32 + channel];
-                    let on_driven = [m, n].contains(&a) || [m, n].contains(&b);
-                    // for the drive of neighbours (0, 31) another pair overflows
-                    assert!(on_driven || quadruple == [0, 31, 1, 2], "{quadruple:?}");
-                }
+        for flags in recording.quality.as_ref().unwrap().rows() {
+            let values: Vec<_> = flags.iter().zip(quadruples).collect();
+            for projection in values.chunks(32) {
+                let is_over = |(flags, _): &&(&Quality, _)| flags.contains(Quality::SATURATED);
+                let over: Vec<_> = projection.iter().filter(is_over).map(|(_, q)| **q).collect();
+                assert_eq!(over.len(), 2, "{over:?}");
+                // for the drive of neighbours (0, 31) another pair overflows
+                let on_driven =
+                    |&[a, b, m, n]: &Quadruple| [a, b].iter().any(|e| [m, n].contains(e));
+                assert!(over.iter().all(|q| on_driven(q) || *q == [0, 31, 1, 2]), "{over:?}");
             }
         }
         // in a passive body the potential is highest where current enters
@@ -326,18 +282,18 @@ fn khu_noise() {
     assert_eq!((deviations.len(), means.len()), (31 * 28, 31 * 28));
     deviations.sort_by(f64::total_cmp);
     means.sort_by(f64::total_cmp);
-    let percentile = |sorted: &[f64], percent: usize| sorted[(sorted.len() - 1) * percent / 100];
-    // stated, to the last digit given: 0.41, 0.61 and 1.37 uV (with 19 degrees of freedom); |V|
-    // from 5 uV to 18 mV, median 1.46 mV
-    let close = |found: f64, stated: f64, digit: f64| {
+    // stated, to the last digit given: deviations with 19 degrees of freedom, then |V|
+    for (sorted, percent, stated, digit) in [
+        (&deviations, 5, 0.41e-6, 0.01e-6),
+        (&deviations, 50, 0.61e-6, 0.01e-6),
+        (&deviations, 95, 1.37e-6, 0.01e-6),
+        (&means, 0, 5e-6, 0.5e-6),
+        (&means, 50, 1.46e-3, 0.01e-3),
+        (&means, 100, 18e-3, 0.5e-3),
+    ] {
+        let found = sorted[(sorted.len() - 1) * percent / 100];
         assert!((found - stated).abs() <= digit, "{found} {stated}");
-    };
-    close(percentile(&deviations, 5), 0.41e-6, 0.01e-6);
-    close(percentile(&deviations, 50), 0.61e-6, 0.01e-6);
-    close(percentile(&deviations, 95), 1.37e-6, 0.01e-6);
-    close(means[0], 5e-6, 0.5e-6);
-    close(percentile(&means, 50), 1.46e-3, 0.01e-3);
-    close(means[means.len() - 1], 18e-3, 0.5e-3);
+    }
 }
 
 #[test]
@@ -417,30 +373,27 @@ fn black_sensor_logs_read_as_frames() {
         let text = String::from_utf8_lossy(&bytes);
         let lines: Vec<&str> = text.lines().map(|line| line.trim_end_matches(',')).collect();
         let row = |line: &&str| {
-            let fields: Vec<&str> = line.split(',').skip(3).collect();
-            let counts: Vec<f64> = fields.iter().filter_map(|field| field.parse().ok()).collect();
-            (fields.len() == 16 && counts.len() == 16).then_some(counts)
+            let counts: Vec<_> = line.split(',').skip(3).map(|field| field.parse().ok()).collect();
+            counts.into_iter().collect::<Option<Vec<f64>>>().filter(|counts| counts.len() == 16)
         };
-        let is_mark = |line: &str| line.split(',').skip(2).eq(["A"]);
-        let marks = lines.iter().filter(|line| is_mark(line)).count();
-        let whole: Vec<Vec<f64>> = lines
-            .split(|line| is_mark(line))
-            .skip(1)
+        let blocks = lines.split(|line| line.split(',').skip(2).eq(["A"])).skip(1);
+        let marks = blocks.clone().count();
+        let whole: Vec<f64> = blocks
             .filter_map(|block| {
                 // a banner before the first row is between frames
                 let rows = block.iter().skip_while(|line| row(line).is_none()).take(16);
                 let rows: Vec<Vec<f64>> = rows.map(row).collect::<Option<_>>()?;
                 (rows.len() == 16).then(|| rows.concat())
             })
+            .flatten()
             .collect();
-        let found: Vec<Vec<f64>> = recording.real.rows().into_iter().map(|r| r.to_vec()).collect();
-        println!("{name}: {} frames of {marks} marks", found.len());
-        assert!(whole.len() > 20 && found == whole, "{name}: {} and {}", found.len(), whole.len());
+        let frames = whole.len() / 256;
+        assert!(frames > 20 && recording.real.iter().eq(&whole), "{name}: {frames}");
         // the end of the log may truncate the last frame, which is no fault of its lines
         let skipped = recording.skipped.frames;
-        assert!([skipped, skipped + 1].contains(&(marks - whole.len())), "{name}: {skipped}");
+        assert!([skipped, skipped + 1].contains(&(marks - frames)), "{name}: {skipped}");
         // the largest is far from the rail of 16 bits, and above that of 15
-        let largest = whole.iter().flatten().fold(0.0_f64, |most, &count| most.max(count));
+        let largest = whole.iter().fold(0.0_f64, |most, &count| most.max(count));
         assert!((32_767.0..65_535.0).contains(&largest), "{name}: {largest}");
         assert_eq!(recording.quality, None, "{name}");
     }
@@ -450,17 +403,14 @@ fn black_sensor_logs_read_as_frames() {
 fn every_file_at_hand_is_read_or_refused_in_one_line() {
     let Some(root) = fixtures::shared_data("README.md") else { return };
     let mut seen = 0;
-    for folder in std::fs::read_dir(root.parent().unwrap()).unwrap().flatten() {
-        if !folder.path().is_dir() {
-            continue;
-        }
-        for file in std::fs::read_dir(folder.path()).unwrap().flatten() {
-            for format in [None].into_iter().chain(Format::ALL.map(Some)) {
-                seen += 1;
-                if let Err(error) = read_recording(&file.path(), format, &ReadOptions::default()) {
-                    let message = error.to_string();
-                    assert!(!message.contains('\n') && message.len() < 600, "{message}");
-                }
+    let folders = std::fs::read_dir(root.parent().unwrap()).unwrap().flatten();
+    let files = folders.filter_map(|folder| std::fs::read_dir(folder.path()).ok()).flatten();
+    for path in files.map(|file| file.unwrap().path()) {
+        for format in [None].into_iter().chain(Format::ALL.map(Some)) {
+            seen += 1;
+            if let Err(error) = read_recording(&path, format, &ReadOptions::default()) {
+                let message = error.to_string();
+                assert!(!message.contains('\n') && message.len() < 600, "{message}");
             }
         }
     }

@@ -1,8 +1,6 @@
 //! Difference data and rows of the Jacobian, compared with the written-out formulas and with what the
 //! reconstruction itself does with a frame.
 
-#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
-
 use crate::common::{disc, jacobian, relative_difference};
 use eit_inverse::{
     DifferenceData, DifferenceKind, InverseError, Noser, OneStepGaussNewton, OneStepSettings,
@@ -38,37 +36,33 @@ fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
 
 /// Bit for bit, because programs compare images made before and after they used these functions.
 #[test]
-fn differences_are_the_formula() {
-    let Setup { frame, reference_frame, used, .. } = scene();
-    for (kind, missing) in [(DifferenceKind::Plain, 0.0), (DifferenceKind::Normalised, f64::NAN)] {
+fn differences_and_rows_are_the_formula() {
+    let Setup { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
+    let normalised = DifferenceData::Normalised { model_voltages_v: model_voltages_v.clone() };
+    for (data, kind, missing) in [
+        (DifferenceData::Plain, DifferenceKind::Plain, 0.0),
+        (normalised, DifferenceKind::Normalised, f64::NAN),
+    ] {
+        assert_eq!(data.kind(), kind);
+        let is_plain = kind == DifferenceKind::Plain;
         let mut found = vec![7.0; frame.len()];
         kind.difference_into(&frame, &reference_frame, |i| used[i], missing, &mut found).unwrap();
-        let formula = |i: usize| match kind {
+        let formula = |i: usize| match frame[i] - reference_frame[i] {
             _ if !used[i] => missing,
-            DifferenceKind::Plain => frame[i] - reference_frame[i],
-            DifferenceKind::Normalised => (frame[i] - reference_frame[i]) / reference_frame[i],
+            dv if is_plain => dv,
+            dv => dv / reference_frame[i],
         };
         let wanted: Vec<f64> = (0..frame.len()).map(formula).collect();
         assert_eq!(bits(&found), bits(&wanted), "{kind:?}");
-    }
-}
-
-#[test]
-fn rows_are_divided_by_the_models_voltages() {
-    let Setup { jacobian, model_voltages_v, used, .. } = scene();
-    let normalised = DifferenceData::Normalised { model_voltages_v: model_voltages_v.clone() };
-    assert_eq!(normalised.kind(), DifferenceKind::Normalised);
-    assert_eq!(DifferenceData::Plain.kind(), DifferenceKind::Plain);
-    for data in [DifferenceData::Plain, normalised] {
         let mut rows = jacobian.clone();
         data.apply_to_rows(&mut rows, Some(&used)).unwrap();
-        let formula = |(i, e): (usize, usize)| match data {
+        let formula = |(i, e): (usize, usize)| match jacobian[(i, e)] {
             _ if !used[i] => 0.0,
-            DifferenceData::Plain => jacobian[(i, e)],
-            DifferenceData::Normalised { .. } => jacobian[(i, e)] / model_voltages_v[i],
+            entry if is_plain => entry,
+            entry => entry / model_voltages_v[i],
         };
         let wanted = Array2::from_shape_fn(jacobian.dim(), formula);
-        assert_eq!(bits(&rows), bits(&wanted), "{:?}", data.kind());
+        assert_eq!(bits(&rows), bits(&wanted), "{kind:?}");
     }
 }
 
@@ -76,25 +70,22 @@ fn rows_are_divided_by_the_models_voltages() {
 /// normalised ones.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
-    let Setup { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
+    let Setup { jacobian: mut rows, model_voltages_v, frame, reference_frame, used } = scene();
     let data = DifferenceData::Normalised { model_voltages_v };
     let settings =
         OneStepSettings { data: data.clone(), used: Some(used.clone()), ..Default::default() };
-    let prior = Noser::default();
-    let own = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
-    let mut difference = vec![0.0; frame.len()];
-    data.kind()
-        .difference_into(&frame, &reference_frame, |i| used[i], 0.0, &mut difference)
-        .unwrap();
+    let own = OneStepGaussNewton::new(&rows, &Noser::default(), settings.clone()).unwrap();
+    let (mut difference, zero) = (vec![0.0; frame.len()], vec![0.0; frame.len()]);
+    let kind = data.kind();
+    kind.difference_into(&frame, &reference_frame, |i| used[i], 0.0, &mut difference).unwrap();
     let taken = own.reconstructor().difference(&frame, &reference_frame).unwrap();
     let of_used = difference.iter().zip(&used).filter(|(_, used)| **used).map(|(dv, _)| dv);
     assert_eq!(bits(&taken), bits(of_used));
-    let mut rows = jacobian;
     data.apply_to_rows(&mut rows, Some(&used)).unwrap();
     let settings = OneStepSettings { data: DifferenceData::Plain, ..settings };
-    let plain = OneStepGaussNewton::new(&rows, &prior, settings).unwrap();
+    let plain = OneStepGaussNewton::new(&rows, &Noser::default(), settings).unwrap();
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
-    let found = plain.reconstruct(&difference, &vec![0.0; difference.len()]).unwrap();
+    let found = plain.reconstruct(&difference, &zero).unwrap();
     // weight / voltage * entry or entry / voltage: one rounding apart, divided by lambda^2 = 1e-3
     assert!(relative_difference(&found, &wanted) < 1e-12);
 }
@@ -102,26 +93,23 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
 #[test]
 fn wrong_input_is_named() {
     let Setup { mut jacobian, model_voltages_v, frame, reference_frame, used } = scene();
-    let kind = DifferenceKind::Plain;
     let wrong = |what, found, wanted| Err(InverseError::WrongLength { what, found, wanted });
     let mut difference = vec![0.0; 40];
-    let of = |frame: &[f64], reference: &[f64], difference: &mut [f64]| {
-        kind.difference_into(frame, reference, |_| true, 0.0, difference)
+    let mut of = |reference: &[f64], from: usize| {
+        let kind = DifferenceKind::Plain;
+        kind.difference_into(&frame, reference, |_| true, 0.0, &mut difference[from..])
     };
-    let result = of(&frame, &reference_frame[1..], &mut difference);
-    assert_eq!(result, wrong("reference frame", 39, 40));
-    let result = of(&frame, &reference_frame, &mut difference[1..]);
-    assert_eq!(result, wrong("difference", 39, 40));
-    let data = DifferenceData::Normalised { model_voltages_v };
-    let result = data.apply_to_rows(&mut jacobian, Some(&used[1..]));
-    assert_eq!(result, wrong("used", 39, 40));
+    assert_eq!(of(&reference_frame[1..], 0), wrong("reference frame", 39, 40));
+    assert_eq!(of(&reference_frame, 1), wrong("difference", 39, 40));
     let before = bits(&jacobian);
-    let result = data.apply_to_rows(&mut jacobian, None);
-    assert!(matches!(result, Err(InverseError::ZeroReference { measurement: 4, .. })));
+    let mut of = |model_voltages_v: &[f64], used: Option<&[bool]>| {
+        let model_voltages_v = model_voltages_v.to_vec();
+        DifferenceData::Normalised { model_voltages_v }.apply_to_rows(&mut jacobian, used)
+    };
+    assert_eq!(of(&model_voltages_v, Some(&used[1..])), wrong("used", 39, 40));
+    refused!(of(&model_voltages_v, None), ZeroReference { measurement: 4, .. });
+    assert_eq!(of(&[1.0; 39], None), wrong("model_voltages_v", 39, 40));
+    let result = of(&[f64::INFINITY; 40], None);
+    refused!(result, ZeroReference { measurement: 0, .. });
     assert_eq!(bits(&jacobian), before, "a refusal changes nothing");
-    let data = DifferenceData::Normalised { model_voltages_v: vec![1.0; 39] };
-    assert_eq!(data.apply_to_rows(&mut jacobian, None), wrong("model_voltages_v", 39, 40));
-    let data = DifferenceData::Normalised { model_voltages_v: vec![f64::INFINITY; 40] };
-    let result = data.apply_to_rows(&mut jacobian, None);
-    assert!(matches!(result, Err(InverseError::ZeroReference { measurement: 0, .. })));
 }

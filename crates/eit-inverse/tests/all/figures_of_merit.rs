@@ -1,27 +1,28 @@
 //! Figures of merit on images whose figures follow from geometry or come from another program.
-//!
-//! One file over 300 lines: all figures share the skin and the helpers that draw images.
-
-#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
 use crate::common;
-use crate::common::disc;
+use crate::common::{disc, target};
 use eit_inverse::InverseError;
 use eit_inverse::metrics::ChangeSign::{Decrease, Increase};
-use eit_inverse::metrics::{self, Cells, GreitFigures, GreitTarget, TouchSettings};
+use eit_inverse::metrics::{self, Blob, Cells, GreitFigures, GreitTarget, TouchSettings};
 use eit_mesh::{Raster, Surface};
 use ndarray::Array2;
 use proptest::prelude::*;
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 const RADIUS_M: f64 = 0.1;
 
 /// Disc skin of 0.1 m under 128 pixels of 1.6 mm, and its cells.
-fn skin() -> (Surface, Raster, Cells<2>) {
+static SKIN: LazyLock<(Surface, Raster, Cells<2>)> = LazyLock::new(|| {
     let surface = disc(RADIUS_M, 40);
     let raster = Raster::new(&surface, 128).unwrap();
     let cells = Cells::of_raster(&raster);
     (surface, raster, cells)
+});
+
+fn cells() -> &'static Cells<2> {
+    &SKIN.2
 }
 
 /// Values at the cells' centres.
@@ -44,6 +45,66 @@ fn greit(values: &[f64], cells: &Cells<2>, position_m: [f64; 2], amount: f64) ->
 }
 
 #[test]
+fn correlation_of_known_images() {
+    let areas = [1.0, 2.0, 1.0];
+    let cc = |x: &[f64], t: &[f64]| metrics::correlation_coefficient(x, t, &areas).unwrap();
+    // (1, 2, 3) about its mean 2 is the negative of (1, 0, -1) about its mean 0
+    assert!((cc(&[1.0, 2.0, 3.0], &[1.0, 0.0, -1.0]) + 1.0).abs() < 1e-15);
+    // (0, 1, 0) about its mean 1/2 is even, (1, 0, -1) odd: no correlation
+    assert!(cc(&[0.0, 1.0, 0.0], &[1.0, 0.0, -1.0]).abs() < 1e-15);
+    assert!(cc(&[1.0; 3], &[1.0, 2.0, 3.0]).is_nan());
+    assert_eq!(
+        metrics::correlation_coefficient(&[1.0], &[1.0, 2.0], &[1.0]).unwrap_err(),
+        InverseError::WrongLength { what: "truth", found: 2, wanted: 1 }
+    );
+}
+
+#[test]
+fn positions_of_known_images() {
+    let surface = disc(0.1, 20);
+    let place = [0.03, -0.02, 0.0];
+    let mut image = target(&surface, [place[0], place[1]], 0.02, -2.0);
+    // side lobes of the other sign and below half the maximum are ignored
+    let lobe = target(&surface, [-0.05, 0.05], 0.02, 0.9);
+    image.iter_mut().zip(&lobe).for_each(|(x, l)| *x += l);
+    let error_m = metrics::position_error_m(&image, &surface, place).unwrap();
+    // a staircase of elements of 0.005 m on a rim of 0.02 m radius
+    assert!(error_m < 0.001, "{error_m}");
+    let zero = vec![0.0; image.len()];
+    assert_eq!(metrics::half_amplitude_centre_m(&zero, &surface).unwrap(), None);
+    assert_eq!(metrics::position_error_m(&zero, &surface, place).unwrap(), f64::INFINITY);
+    let wrong = metrics::position_error_m(&zero[1..], &surface, place).unwrap_err();
+    let (what, found, wanted) = ("image", zero.len() - 1, zero.len());
+    assert_eq!(wrong, InverseError::WrongLength { what, found, wanted });
+}
+
+#[test]
+fn half_maximum_centre_is_weighted_by_value_and_area() {
+    let positions = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0], [9.0, 9.0]];
+    let areas = [1.0, 2.0, 4.0, 1.0, 1.0];
+    let values = [4.0, 2.0, 1.9, -3.0, f64::NAN];
+    let centre = |values: &[f64], sign| {
+        metrics::half_maximum_centre_m(values, &areas, &positions, sign).unwrap()
+    };
+    // half of 4 counts, 1.9 does not: (4 * 1 * (0, 0) + 2 * 2 * (1, 0)) / 8
+    assert_eq!(centre(&values, Increase), Some([0.5, 0.0]));
+    assert_eq!(centre(&values, Decrease), Some([5.0, 5.0]));
+    assert_eq!(centre(&[1.0, 2.0, 0.0, 0.0, f64::INFINITY], Decrease), None);
+    assert_eq!(centre(&[f64::NAN, 0.0, -0.0, -1.0, f64::INFINITY], Increase), None);
+    // values whose products with areas are outside the range of doubles
+    for unit in [1e-320, 1e308] {
+        let values = [unit, unit, 0.0, -unit, f64::NAN];
+        assert_eq!(centre(&values, Increase), Some([2.0 / 3.0, 0.0]), "{unit:e}");
+    }
+    for (areas, positions) in [(&areas[1..], &positions[..]), (&areas[..], &positions[1..])] {
+        refused!(
+            metrics::half_maximum_centre_m(&values, areas, positions, Increase),
+            WrongLength { found: 4, wanted: 5, .. }
+        );
+    }
+}
+
+#[test]
 fn relative_error_of_known_images() {
     let areas = [1.0, 4.0];
     let error = |x: &[f64], t: &[f64]| metrics::relative_error(x, t, &areas).unwrap();
@@ -60,22 +121,19 @@ fn relative_error_of_known_images() {
     }
     for (x, t, a) in [(1, 2, 2), (2, 1, 2), (2, 2, 1)] {
         let wrong = metrics::relative_error(&vec![1.0; x], &vec![1.0; t], &vec![1.0; a]);
-        assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
+        refused!(wrong, WrongLength { .. });
     }
 }
 
 /// The two images of [`similarity_is_that_of_scikit_image`].
-fn similarity_images() -> (Array2<f64>, Array2<f64>) {
-    let truth = Array2::from_shape_fn((24, 20), |(i, j)| {
-        let (i, j) = (i as f64, j as f64);
-        (-((i - 9.0).powi(2) + (j - 11.0).powi(2)) / 18.0).exp()
-    });
-    let image = Array2::from_shape_fn((24, 20), |(i, j)| {
-        let (i, j) = (i as f64, j as f64);
-        0.8 * (-((i - 11.0).powi(2) + (j - 9.0).powi(2)) / 24.0).exp()
-            + 0.05 * (0.9 * i).cos() * (0.7 * j).sin()
-    });
-    (image, truth)
+fn similarity_images() -> [Array2<f64>; 2] {
+    let bell = |i: usize, j: usize, [ci, cj]: [f64; 2], width: f64| {
+        (-((i as f64 - ci).powi(2) + (j as f64 - cj).powi(2)) / width).exp()
+    };
+    let wave = |i: usize, j: usize| (0.9 * i as f64).cos() * (0.7 * j as f64).sin();
+    let image = |(i, j)| 0.8 * bell(i, j, [11.0, 9.0], 24.0) + 0.05 * wave(i, j);
+    let truth = |(i, j)| bell(i, j, [9.0, 11.0], 18.0);
+    [Array2::from_shape_fn((24, 20), image), Array2::from_shape_fn((24, 20), truth)]
 }
 
 /// Reference values of scikit-image 0.26.0 (NumPy 2.4.6) on the same two images `x` and `t`:
@@ -88,7 +146,7 @@ fn similarity_images() -> (Array2<f64>, Array2<f64>) {
 /// Its mean covers pixels with whole windows, five from the rim, and so does this test's.
 #[test]
 fn similarity_is_that_of_scikit_image() {
-    let (image, truth) = similarity_images();
+    let [image, truth] = similarity_images();
     let mask = Array2::from_elem(image.raw_dim(), true);
     let map = |range| {
         metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), range)
@@ -118,7 +176,7 @@ fn similarity_is_that_of_scikit_image() {
 
 #[test]
 fn similarity_looks_at_the_mask_only() {
-    let (mut image, mut truth) = similarity_images();
+    let [mut image, mut truth] = similarity_images();
     let inside = |i: usize, j: usize| (i as f64 - 12.0).hypot(j as f64 - 10.0) < 8.0;
     let mask = Array2::from_shape_fn(image.raw_dim(), |(i, j)| inside(i, j));
     let score = |image: &Array2<f64>, truth: &Array2<f64>, range| {
@@ -144,39 +202,37 @@ fn similarity_looks_at_the_mask_only() {
     assert_eq!(score(&flat(x), &flat(t), None).unwrap(), None);
     let nothing = Array2::from_elem(image.raw_dim(), false);
     for range in [None, Some(1.0)] {
-        let found =
+        let none =
             metrics::structural_similarity(image.view(), truth.view(), nothing.view(), range);
-        assert_eq!(found.unwrap(), None);
+        assert_eq!(none.unwrap(), None);
     }
 }
 
 #[test]
 fn similarity_refuses_what_it_cannot_measure() {
-    let (image, truth) = similarity_images();
+    let [image, truth] = similarity_images();
     let mask = Array2::from_elem(image.raw_dim(), true);
     let score = |x: &Array2<f64>, t: &Array2<f64>, range| {
         metrics::structural_similarity(x.view(), t.view(), mask.view(), range)
     };
     for range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let wrong = score(&image, &truth, Some(range)).unwrap_err();
-        assert!(matches!(wrong, InverseError::OutOfRange { quantity: "data_range", .. }));
+        refused!(score(&image, &truth, Some(range)), OutOfRange { quantity: "data_range", .. });
     }
     let mut bad = image.clone();
     bad[(3, 4)] = f64::NAN;
-    assert!(matches!(score(&bad, &truth, None), Err(InverseError::OutOfRange { .. })));
-    assert!(matches!(score(&image, &bad, None), Err(InverseError::OutOfRange { .. })));
-    let small = Array2::zeros((24, 19));
-    let wrong = score(&small, &truth, None).unwrap_err();
-    assert_eq!(wrong, InverseError::WrongLength { what: "image", found: 19, wanted: 20 });
+    refused!(score(&bad, &truth, None), OutOfRange { .. });
+    refused!(score(&image, &bad, None), OutOfRange { .. });
+    let small = score(&Array2::zeros((24, 19)), &truth, None);
+    refused!(small, WrongLength { what: "image", found: 19, wanted: 20 });
 }
 
 /// A disc of radius 30 mm and height 2, at the skin's centre and then off it.
 #[test]
 fn greit_figures_of_a_disc() {
-    let (_, _, cells) = skin();
+    let cells = cells();
     for (centre, truth) in [([0.0, 0.0], [0.0, 0.0]), ([0.05, 0.02], [0.03, 0.06])] {
-        let values = image(&cells, |x, y| 2.0 * f64::from(inside(x, y, centre, 0.03)));
-        let found = greit(&values, &cells, truth, 4.0 * PI * 0.03_f64.powi(2));
+        let values = image(cells, |x, y| 2.0 * f64::from(inside(x, y, centre, 0.03)));
+        let found = greit(&values, cells, truth, 4.0 * PI * 0.03_f64.powi(2));
         // 120 of the 1160 pixels lie on the rim, randomly in or out: sqrt(120) / 2 pixels, 0.5 %
         assert!((found.amplitude_response - 0.5).abs() < 0.005, "{found:?}");
         assert!((found.resolution - 0.3).abs() < 0.003, "{found:?}");
@@ -189,7 +245,7 @@ fn greit_figures_of_a_disc() {
         assert!((found.position_error_m - radial).abs() < 2e-4, "{found:?}");
         // a decrease gives the same figures with the sign reversed
         let negative: Vec<f64> = values.iter().map(|x| -x).collect();
-        assert_eq!(greit(&negative, &cells, truth, -4.0 * PI * 0.03_f64.powi(2)), found);
+        assert_eq!(greit(&negative, cells, truth, -4.0 * PI * 0.03_f64.powi(2)), found);
     }
 }
 
@@ -197,12 +253,12 @@ fn greit_figures_of_a_disc() {
 /// outside the circle of equal area: the two curves meet at the polar angle `atan 1 / sqrt t`.
 #[test]
 fn greit_shape_deformation_of_ellipses() {
-    let (_, _, cells) = skin();
+    let cells = cells();
     for ratio in [1.5, 2.0, 4.0_f64] {
         let (a, b) = (0.03 * ratio.sqrt(), 0.03 / ratio.sqrt());
         let within = |x: f64, y: f64| ((x - 0.02) / a).powi(2) + (y / b).powi(2) <= 1.0;
-        let values = image(&cells, |x, y| f64::from(within(x, y)));
-        let found = greit(&values, &cells, [0.02, 0.0], PI * a * b);
+        let values = image(cells, |x, y| f64::from(within(x, y)));
+        let found = greit(&values, cells, [0.02, 0.0], PI * a * b);
         let wanted = 2.0 / PI * (ratio.sqrt().atan() - ratio.sqrt().recip().atan());
         // rim pixels of 1.6 mm on either side, at random: 1 % of the set
         assert!((found.shape_deformation - wanted).abs() < 0.01, "{ratio}: {found:?} {wanted}");
@@ -215,17 +271,17 @@ fn greit_shape_deformation_of_ellipses() {
 /// three quarters of the whole bell.
 #[test]
 fn greit_figures_of_a_bell_with_a_ring() {
-    let (_, _, cells) = skin();
+    let cells = cells();
     // off the grid's symmetries, where all rim errors would have the same sign
     let (sigma, v, place) = (0.012, 0.1, [0.0031, -0.0017]);
     let ring = |x: f64, y: f64| {
         let r = (x - place[0]).hypot(y - place[1]);
         f64::from((0.05..0.06).contains(&r))
     };
-    let values = image(&cells, |x, y| bell(x, y, place, sigma) - v * ring(x, y));
+    let values = image(cells, |x, y| bell(x, y, place, sigma) - v * ring(x, y));
     let bell_amount = 2.0 * PI * sigma * sigma;
     let ring_m2 = PI * (0.06_f64.powi(2) - 0.05_f64.powi(2));
-    let found = greit(&values, &cells, place, bell_amount);
+    let found = greit(&values, cells, place, bell_amount);
     // 510 pixels in the set and 1400 in the ring, of which 80 and 420 lie on the rims
     let resolution = sigma * (2.0 * 4.0_f64.ln()).sqrt() / RADIUS_M;
     assert!((found.resolution / resolution - 1.0).abs() < 0.01, "{found:?} {resolution}");
@@ -239,24 +295,19 @@ fn greit_figures_of_a_bell_with_a_ring() {
 
 #[test]
 fn greit_refuses_impossible_targets() {
-    let (_, _, cells) = skin();
-    let values = image(&cells, |_, _| 1.0);
-    let figures = |values: &[f64], place, amount, sign| {
-        let target = GreitTarget { position_m: place, amount_s_m2: amount };
-        metrics::greit_figures(values, &cells, sign, &target)
+    let cells = cells();
+    let values = image(cells, |_, _| 1.0);
+    let figures = |values: &[f64], position_m, amount_s_m2, sign| {
+        metrics::greit_figures(values, cells, sign, &GreitTarget { position_m, amount_s_m2 })
     };
     assert_eq!(figures(&values, [0.0; 2], 1.0, Decrease).unwrap(), None);
-    for amount in [0.0, f64::NAN, f64::INFINITY] {
-        let wrong = figures(&values, [0.0; 2], amount, Increase).unwrap_err();
-        assert!(matches!(wrong, InverseError::OutOfRange { .. }));
+    for (y, amount) in [(0.0, 0.0), (0.0, f64::NAN), (0.0, f64::INFINITY), (f64::NAN, 1.0)] {
+        refused!(figures(&values, [0.0, y], amount, Increase), OutOfRange { .. });
     }
-    let wrong = figures(&values, [0.0, f64::NAN], 1.0, Increase).unwrap_err();
-    assert!(matches!(wrong, InverseError::OutOfRange { .. }));
-    let wrong = figures(&values[1..], [0.0; 2], 1.0, Increase).unwrap_err();
-    assert!(matches!(wrong, InverseError::WrongLength { .. }));
+    refused!(figures(&values[1..], [0.0; 2], 1.0, Increase), WrongLength { .. });
     // two distant discs of equal size: nothing at their common centre
     let two = |x, y| inside(x, y, [0.07, 0.0], 0.01) || inside(x, y, [-0.07, 0.0], 0.01);
-    let values = image(&cells, |x, y| f64::from(two(x, y)));
+    let values = image(cells, |x, y| f64::from(two(x, y)));
     let found = figures(&values, [0.0; 2], 1.0, Increase).unwrap().unwrap();
     assert_eq!((found.ringing, found.shape_deformation), (f64::INFINITY, 1.0));
 }
@@ -287,14 +338,14 @@ fn blobs_are_joined_across_sides() {
 
 #[test]
 fn touches_are_paired_with_blobs() {
-    let (_, _, cells) = skin();
+    let cells = cells();
     let truth = [[0.05, 0.0], [-0.03, 0.04], [-0.03, -0.05]];
     let shift = [[0.004, 0.0], [0.0, -0.003], [-0.003, 0.004]];
     let shown: Vec<[f64; 2]> =
         truth.iter().zip(shift).map(|(t, s)| [t[0] + s[0], t[1] + s[1]]).collect();
-    let values = image(&cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.01)).sum());
+    let values = image(cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.01)).sum());
     let errors = |truth: &[[f64; 2]], settings: &TouchSettings| {
-        metrics::touch_position_errors_m(&values, &cells, truth, settings).unwrap()
+        metrics::touch_position_errors_m(&values, cells, truth, settings).unwrap()
     };
     let settings = TouchSettings::default();
     let found = errors(&truth, &settings);
@@ -308,38 +359,31 @@ fn touches_are_paired_with_blobs() {
         assert!((x - place[0]).hypot(y - place[1]) < 2e-4, "{found:?}");
     }
     // one touch fewer is an extra blob, one more is missed, and so is one too far away
-    let found = errors(&truth[..2], &settings);
-    assert_eq!((found.missed, found.extra), (0, 1));
+    let count = |found: metrics::TouchErrors<2>| (found.missed, found.extra);
+    assert_eq!(count(errors(&truth[..2], &settings)), (0, 1));
     let found = errors(&[truth[0], truth[1], truth[2], [0.0, 0.09]], &settings);
     assert_eq!((found.missed, found.extra, found.errors_m[3]), (1, 0, None));
-    let strict = TouchSettings { within_m: 0.0045, ..settings };
-    let found = errors(&truth, &strict);
+    let found = errors(&truth, &TouchSettings { within_m: 0.0045, ..settings });
     assert_eq!((found.missed, found.extra), (1, 1));
     assert_eq!((found.errors_m[2], found.centres_m[2]), (None, None));
-    let found = errors(&[], &settings);
-    assert_eq!((found.missed, found.extra), (0, 3));
+    assert_eq!(count(errors(&[], &settings)), (0, 3));
     let quiet = TouchSettings { sign: Decrease, ..settings };
-    let found = errors(&truth, &quiet);
-    assert_eq!((found.missed, found.extra), (3, 0));
-}
+    assert_eq!(count(errors(&truth, &quiet)), (3, 0));
 
-#[test]
-fn touches_refuse_bad_settings() {
-    let (_, _, cells) = skin();
-    let values = image(&cells, |_, _| 1.0);
-    let errors = |truth: &[[f64; 2]], settings: TouchSettings| {
-        metrics::touch_position_errors_m(&values, &cells, truth, &settings).unwrap_err()
+    let refused = |truth: &[[f64; 2]], settings: TouchSettings| {
+        refused!(
+            metrics::touch_position_errors_m(&values, cells, truth, &settings),
+            OutOfRange { .. }
+        );
     };
-    let out_of_range = |e: &InverseError| matches!(e, InverseError::OutOfRange { .. });
-    let default = TouchSettings::default();
     for level in [0.0, -0.1, 1.1, f64::NAN] {
-        assert!(out_of_range(&errors(&[], TouchSettings { level, ..default })), "{level}");
+        refused(&[], TouchSettings { level, ..settings });
     }
     for within_m in [-1.0, f64::NAN] {
-        assert!(out_of_range(&errors(&[], TouchSettings { within_m, ..default })), "{within_m}");
+        refused(&[], TouchSettings { within_m, ..settings });
     }
-    assert!(out_of_range(&errors(&[[0.0, f64::NAN]], default)));
-    assert!(out_of_range(&errors(&[[0.0; 2]; 11], default)));
+    refused(&[[0.0, f64::NAN]], settings);
+    refused(&[[0.0; 2]; 11], settings);
 }
 
 #[test]
@@ -365,11 +409,11 @@ fn smoothness_of_known_tracks() {
 /// The fraction `exp(-d^2 / sigma^2)` of a bell's energy lies farther away than `d`.
 #[test]
 fn artefact_energy_of_a_bell() {
-    let (_, _, cells) = skin();
+    let cells = cells();
     let (place, sigma) = ([0.02, -0.03], 0.012);
-    let values = image(&cells, |x, y| -1e-6 * bell(x, y, place, sigma));
+    let values = image(cells, |x, y| -1e-6 * bell(x, y, place, sigma));
     let energy = |touches: &[[f64; 2]], d| {
-        metrics::artefact_energy(&values, &cells, touches, d).unwrap().unwrap()
+        metrics::artefact_energy(&values, cells, touches, d).unwrap().unwrap()
     };
     for d in [0.006, 0.012, 0.02] {
         let wanted = (-(d * d) / (sigma * sigma)).exp();
@@ -379,26 +423,24 @@ fn artefact_energy_of_a_bell() {
     assert_eq!(energy(&[], 1.0), 1.0);
     assert_eq!(energy(&[place, [0.0; 2]], f64::INFINITY), 0.0);
     let zero = vec![0.0; values.len()];
-    assert_eq!(metrics::artefact_energy(&zero, &cells, &[], 0.0).unwrap(), None);
+    assert_eq!(metrics::artefact_energy(&zero, cells, &[], 0.0).unwrap(), None);
     for (touch, d) in [([0.0; 2], -1.0), ([0.0; 2], f64::NAN), ([f64::INFINITY, 0.0], 1.0)] {
-        let wrong = metrics::artefact_energy(&values, &cells, &[touch], d);
-        assert!(matches!(wrong, Err(InverseError::OutOfRange { .. })));
+        refused!(metrics::artefact_energy(&values, cells, &[touch], d), OutOfRange { .. });
     }
-    let wrong = metrics::artefact_energy(&values[1..], &cells, &[], 1.0);
-    assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
+    refused!(metrics::artefact_energy(&values[1..], cells, &[], 1.0), WrongLength { .. });
 }
 
 /// The same touch has the same figures of merit on elements and on pixels.
 #[test]
 fn elements_and_pixels_agree() {
-    let (surface, raster, pixels) = skin();
-    let elements = Cells::of_surface(&surface);
+    let (surface, raster, pixels) = &*SKIN;
+    let elements = Cells::of_surface(surface);
     let place = [0.03, -0.02];
     let on_elements = image(&elements, |x, y| bell(x, y, place, 0.012));
     let mut on_pixels = vec![0.0; raster.masked_pixels().len()];
     raster.pixel_from_element().apply(&on_elements, &mut on_pixels).unwrap();
     let amount = 2.0 * PI * 0.012_f64.powi(2);
-    let shown = greit(&on_pixels, &pixels, place, amount);
+    let shown = greit(&on_pixels, pixels, place, amount);
     let target = GreitTarget { position_m: [place[0], place[1], 0.0], amount_s_m2: amount };
     let own = metrics::greit_figures(&on_elements, &elements, Increase, &target).unwrap().unwrap();
     // elements of 2.5 mm against pixels of 1.6 mm on a rim of 20 mm radius
@@ -409,30 +451,46 @@ fn elements_and_pixels_agree() {
     assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 5e-4, "{shown:?} {own:?}");
     let integral = elements.integral(&on_elements).unwrap();
     assert!((integral / amount - 1.0).abs() < 0.01, "{integral} {amount}");
+    let (areas, positions) = (raster.covered_areas_m2(), pixels.positions_m());
+    let shown = metrics::half_maximum_centre_m(&on_pixels, areas, positions, Increase).unwrap();
+    let own = metrics::half_amplitude_centre_m(&on_elements, surface).unwrap();
+    for [x, y] in [shown.unwrap(), own.map(|[x, y, _]| [x, y]).unwrap()] {
+        // a staircase of elements and pixels on a rim of 14 mm radius
+        assert!((x - place[0]).hypot(y - place[1]) < 6e-4, "{x} {y}");
+    }
 }
 
-/// Sum of distances of the best pairing, by trying all orders of the touches.
-fn best_by_permutation(distances: &[Vec<f64>], touches: usize) -> f64 {
-    fn place(distances: &[Vec<f64>], blob: usize, left: &mut Vec<usize>, skips: usize) -> f64 {
-        if blob == distances.len() || left.is_empty() {
-            return if left.is_empty() || blob + left.len() == 0 { 0.0 } else { f64::INFINITY };
+/// Sum of distances of the best pairing, by trying all blobs for each touch.
+fn best_by_trial(touches: &[[f64; 3]], blobs: &[Blob<3>], taken: &mut Vec<bool>) -> f64 {
+    let Some((touch, rest)) = touches.split_first() else { return 0.0 };
+    let mut best = f64::INFINITY;
+    for (k, blob) in blobs.iter().enumerate() {
+        if !std::mem::replace(&mut taken[k], true) {
+            let [dx, dy] = [0, 1].map(|i| blob.centre_m[i] - touch[i]);
+            best = best.min(dx.hypot(dy) + best_by_trial(rest, blobs, taken));
+            taken[k] = false;
         }
-        let mut best = f64::INFINITY;
-        if skips > 0 {
-            best = place(distances, blob + 1, left, skips - 1);
-        }
-        for i in 0..left.len() {
-            let touch = left.remove(i);
-            best = best.min(distances[blob][touch] + place(distances, blob + 1, left, skips));
-            left.insert(i, touch);
-        }
-        best
     }
-    place(distances, 0, &mut (0..touches).collect(), distances.len() - touches)
+    best
 }
 
 proptest! {
     #![proptest_config(fixtures::cases(64))]
+
+    /// The correlation does not depend on contrast and offset, nor the position on the sign of the image.
+    #[test]
+    fn figures_are_free_of_contrast(gain in 0.01..100.0_f64, offset in -10.0..10.0_f64,
+                                    x in -0.06..0.06_f64, y in -0.06..0.06_f64) {
+        let surface = disc(0.1, 8);
+        let truth = target(&surface, [x, y], 0.03, 1.0);
+        let image: Vec<f64> = truth.iter().map(|t| gain * t + offset).collect();
+        let found =
+            metrics::correlation_coefficient(&image, &truth, surface.areas_m2()).unwrap();
+        prop_assert!((found - 1.0).abs() < 1e-9);
+        let centre = metrics::half_amplitude_centre_m(&truth, &surface).unwrap();
+        let negative: Vec<f64> = truth.iter().map(|t| -gain * t).collect();
+        prop_assert_eq!(centre, metrics::half_amplitude_centre_m(&negative, &surface).unwrap());
+    }
 
     /// The similarity is 1 for equal images, always within -1 and 1, and independent of the unit.
     #[test]
@@ -507,15 +565,10 @@ proptest! {
         let blobs = metrics::blobs(&values, &cells, Increase, 0.5).unwrap();
         prop_assume!(blobs.len() >= truth.len());
         let truth: Vec<[f64; 3]> = truth.iter().map(|t| [t[0], t[1], 0.0]).collect();
-        let distance = |b: &[f64; 3], t: &[f64; 3]| (b[0] - t[0]).hypot(b[1] - t[1]);
-        let distances: Vec<Vec<f64>> = blobs
-            .iter()
-            .map(|b| truth.iter().map(|t| distance(&b.centre_m, t)).collect())
-            .collect();
         let settings = TouchSettings::default();
         let found = metrics::touch_position_errors_m(&values, &cells, &truth, &settings).unwrap();
         let sum: f64 = found.errors_m.iter().map(|e| e.unwrap()).sum();
-        let wanted = best_by_permutation(&distances, truth.len());
+        let wanted = best_by_trial(&truth, &blobs, &mut vec![false; blobs.len()]);
         prop_assert!((sum - wanted).abs() < 1e-12, "{} {}", sum, wanted);
     }
 }

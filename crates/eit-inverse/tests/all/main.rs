@@ -1,5 +1,21 @@
-//! Tests of the crate, in one program: linking one is faster than linking 28. Those of one file:
+//! Tests of the crate, in one program, which links faster than one for each file. Those of one file:
 //! `cargo test --release -p eit-inverse --test all FILE::`.
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests: a panic is a failed test"
+)]
+
+/// Checks that a result is an error of this kind.
+macro_rules! refused {
+    ($result:expr, $($error:tt)+) => {
+        let error = $result.err().unwrap();
+        assert!(matches!(error, eit_inverse::InverseError::$($error)+), "{error}");
+    };
+}
 
 mod common;
 #[cfg(feature = "st-tv")]
@@ -15,7 +31,6 @@ mod figures_of_merit;
 mod gradient;
 mod hyperparameter;
 mod masked;
-mod metrics;
 mod noise_estimate;
 mod nuisance;
 mod prior;
@@ -30,8 +45,6 @@ mod st_tv_causal;
 mod st_tv_certificate;
 #[cfg(feature = "st-tv")]
 mod st_tv_stability;
-#[cfg(feature = "st-tv")]
-mod st_tv_stream;
 mod touch_detector;
 mod touch_detector_input;
 #[cfg(feature = "learn")]

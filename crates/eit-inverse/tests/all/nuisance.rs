@@ -1,10 +1,7 @@
 //! Nuisance parameters whitened away or solved with the image give the same image.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::disc;
-use eit_inverse::{
-    InverseError, NuisanceParameters, OneStepGaussNewton, OneStepSettings, Tikhonov,
-};
+use crate::common::{disc, solve};
+use eit_inverse::{NuisanceParameters, OneStepGaussNewton, OneStepSettings, Tikhonov};
 use fixtures::Random;
 use ndarray::{Array2, Axis, aview1, concatenate};
 
@@ -29,21 +26,11 @@ fn problem() -> Problem {
 }
 
 /// `argmin |W (d - A x)|^2 + |P x|^2` by normal equations and Gaussian elimination.
-fn solve(a: &Array2<f64>, d: &[f64], weights: &[f64], precisions: &[f64]) -> Vec<f64> {
+fn least_squares(a: &Array2<f64>, d: &[f64], weights: &[f64], precisions: &[f64]) -> Vec<f64> {
     let w = Array2::from_diag(&aview1(weights).mapv(|w| w * w));
     let normal = a.t().dot(&w).dot(a) + Array2::from_diag(&aview1(precisions).mapv(|p| p * p));
     let right = a.t().dot(&w).dot(&aview1(d));
-    let count = right.len();
-    let mut rows: Vec<Vec<f64>> =
-        (0..count).map(|i| normal.row(i).iter().copied().chain([right[i]]).collect()).collect();
-    for k in 0..count {
-        for i in (0..count).filter(|&i| i != k) {
-            let factor = rows[i][k] / rows[k][k];
-            let pivot = rows[k].clone();
-            rows[i].iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
-        }
-    }
-    (0..count).map(|k| rows[k][count] / rows[k][k]).collect()
+    solve(normal, right.insert_axis(Axis(1))).column(0).to_vec()
 }
 
 #[test]
@@ -54,13 +41,13 @@ fn taken_out_or_solved_jointly_is_the_same() {
     let joint = concatenate![Axis(1), p.jacobian, p.nuisance];
     let precisions: Vec<f64> =
         image_precision.iter().copied().chain(p.std.iter().map(|s| 1.0 / s)).collect();
-    let wanted = solve(&joint, &p.data, &weights, &precisions);
+    let wanted = least_squares(&joint, &p.data, &weights, &precisions);
 
     let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
     let jacobian = nuisance.whiten_jacobian(&p.jacobian).unwrap();
     let mut data = p.data.clone();
     nuisance.whiten(&mut data).unwrap();
-    let image = solve(&jacobian, &data, &[1.0; 30], &image_precision);
+    let image = least_squares(&jacobian, &data, &[1.0; 30], &image_precision);
     let left = &aview1(&p.data) - &p.jacobian.dot(&aview1(&image));
     let unknowns = nuisance.map_estimate(left.as_slice().unwrap()).unwrap();
     for (found, wanted) in image.iter().chain(&unknowns).zip(&wanted) {
@@ -100,14 +87,12 @@ fn unused_measurements_are_not_looked_at() {
     broken.whiten(&mut p.data).unwrap();
     assert_eq!(clean, p.data);
     assert_eq!(p.data[7], 0.0);
-    let error = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap_err();
-    assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
-    let error =
-        NuisanceParameters::new(&p.nuisance, &p.std[1..], &p.noise, Some(&used)).unwrap_err();
-    assert!(error.to_string().contains("std of the unknowns: 4 values, but 5"), "{error}");
-    let none =
-        NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&[false; 30])).unwrap_err();
-    assert!(matches!(none, InverseError::NothingUsed { measurements: 30 }));
+    let new = |std: &[f64], used: Option<&[bool]>| {
+        NuisanceParameters::new(&p.nuisance, std, &p.noise, used)
+    };
+    refused!(new(&p.std, None), OutOfRange { .. });
+    refused!(new(&p.std[1..], Some(&used)), WrongLength { found: 4, wanted: 5, .. });
+    refused!(new(&p.std, Some(&[false; 30])), NothingUsed { measurements: 30 });
 }
 
 /// With the prior scaled by the original data, unknowns that hardly vary leave the image unchanged when
@@ -116,17 +101,11 @@ fn unused_measurements_are_not_looked_at() {
 #[test]
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
-    let mut random = Random::new(5);
-    let (jacobian, nuisance) =
-        (random.normals(30, surface.triangles().len()), random.normals(30, 5));
-    let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
-    let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
+    let jacobian = Random::new(5).normals(30, surface.triangles().len());
+    let Problem { nuisance, noise, data: frame, .. } = problem();
     let reference = [0.0; 30];
-    let settings = OneStepSettings {
-        hyperparameter: 0.4,
-        noise_std: Some(noise.clone()),
-        ..Default::default()
-    };
+    let base = OneStepSettings { hyperparameter: 0.4, ..Default::default() };
+    let settings = OneStepSettings { noise_std: Some(noise.clone()), ..base.clone() };
     let prior = Tikhonov::new(&surface);
     let before = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let image = before.reconstruct(&frame, &reference).unwrap();
@@ -135,8 +114,7 @@ fn the_prior_is_taken_over() {
         let jacobian = nuisance.whiten_jacobian(&jacobian).unwrap();
         let mut white = frame.clone();
         nuisance.whiten(&mut white).unwrap();
-        let settings = OneStepSettings { hyperparameter: 0.4, ..Default::default() };
-        let mut after = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
+        let mut after = OneStepGaussNewton::new(&jacobian, &prior, base.clone()).unwrap();
         if takes_over {
             after.set_prior_of(&before).unwrap();
         }

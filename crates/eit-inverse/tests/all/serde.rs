@@ -1,16 +1,12 @@
 //! Results and settings as JSON and back.
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-fn again<T: Serialize + DeserializeOwned>(value: &T) -> T {
-    serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
-}
-
 /// Types that compare equal after JSON.
 fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
-    assert_eq!(again(value), *value);
+    let again: T = serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap();
+    assert_eq!(again, *value);
 }
 
 use eit_inverse::metrics::TouchSettings;

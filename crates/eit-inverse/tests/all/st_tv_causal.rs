@@ -1,23 +1,14 @@
 //! Causal stream: closed forms, comparison with the batch solver on the same frame, every certificate
 //! recomputed from the raw Jacobian, events, no allocation.
-//!
-//! Over 300 lines because every property is checked on the same set of scenes.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    missing_docs,
-    reason = "tests"
-)]
 
 use crate::common::disc;
+use crate::problem::{gap, reference};
 use eit_inverse::{
     CausalDual, CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, InverseError,
-    SequenceStatus, StTv, StTvSettings, Stop,
+    SequenceStatus, StTv, StTvSettings,
 };
 use fixtures::Random;
-use ndarray::{Array1, Array2};
+use ndarray::{Array1, Array2, Axis};
 use std::hint::black_box;
 use std::time::Duration;
 
@@ -32,11 +23,17 @@ struct Setup {
     jacobian: Array2<f64>,
     gradient: Gradient,
     places: Vec<[f64; 2]>,
+    noise: f64,
 }
 
 /// Fields of dipoles near the rim of the unit disc: large near the rim and small in the middle, as in a
 /// real skin.
-fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) -> f64) -> Setup {
+fn scene_on(
+    places: Vec<[f64; 2]>,
+    gradient: Gradient,
+    softness: f64,
+    weight: impl Fn(usize) -> f64,
+) -> Setup {
     let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, places.len()));
     for mut row in jacobian.rows_mut() {
@@ -46,30 +43,34 @@ fn scene_on(places: Vec<[f64; 2]>, gradient: Gradient, weight: impl Fn(usize) ->
         for (p, (value, place)) in row.iter_mut().zip(&places).enumerate() {
             let (dx, dy) = (place[0] - source[0], place[1] - source[1]);
             let dipole = turn.cos() * dx + turn.sin() * dy;
-            *value = weight(p) * dipole / (0.02 + dx * dx + dy * dy);
+            *value = weight(p) * dipole / (softness + dx * dx + dy * dy);
         }
     }
-    Setup { jacobian, gradient, places }
+    Setup { jacobian, gradient, places, noise: NOISE }
+}
+
+fn on_pixels(
+    mask: &Array2<bool>,
+    place: impl Fn(usize, usize) -> [f64; 2],
+    [softness, weight]: [f64; 2],
+) -> Setup {
+    let inside = mask.indexed_iter().filter(|(_, inside)| **inside);
+    let places = inside.map(|((i, j), _)| place(i, j)).collect();
+    scene_on(places, Gradient::pixels(mask, 1.0).unwrap(), softness, |_| weight)
 }
 
 fn pixels(side: usize) -> Setup {
     let centre = 0.5 * (side as f64 - 1.0);
     let place = |i: usize, j: usize| [(j as f64 - centre) / centre, (i as f64 - centre) / centre];
-    let mask = Array2::from_shape_fn((side, side), |(i, j)| {
-        let [x, y] = place(i, j);
-        x.hypot(y) <= 1.02
-    });
-    let inside = mask.indexed_iter().filter(|(_, m)| **m);
-    let places: Vec<[f64; 2]> = inside.map(|((i, j), _)| place(i, j)).collect();
-    scene_on(places, Gradient::pixels(&mask, 1.0).unwrap(), |_| 30.0 / (side * side) as f64)
+    let is_inside = |(i, j)| place(i, j)[0].hypot(place(i, j)[1]) <= 1.02;
+    let mask = Array2::from_shape_fn((side, side), is_inside);
+    on_pixels(&mask, place, [0.02, 30.0 / (side * side) as f64])
 }
 
 /// Two separate rectangles: a skin in two parts.
 fn two_parts() -> Setup {
     let mask = Array2::from_shape_fn((9, 21), |(_, j)| j != 10);
-    let inside = mask.indexed_iter().filter(|(_, m)| **m);
-    let places = inside.map(|((i, j), _)| [j as f64 / 10.0 - 1.0, i as f64 / 10.0 - 0.4]).collect();
-    scene_on(places, Gradient::pixels(&mask, 1.0).unwrap(), |_| 0.1)
+    on_pixels(&mask, |i, j| [j as f64 / 10.0 - 1.0, i as f64 / 10.0 - 0.4], [0.02, 0.1])
 }
 
 fn mesh(nodal: bool) -> Setup {
@@ -80,7 +81,7 @@ fn mesh(nodal: bool) -> Setup {
     };
     let places = points.iter().map(|p| [p[0], p[1]]).collect();
     let areas = gradient.areas_m2().to_vec();
-    scene_on(places, gradient, |p| 10.0 * areas[p])
+    scene_on(places, gradient, 0.02, |p| 10.0 * areas[p])
 }
 
 /// Touches in frame `f`: none, pressed, moving, jumping, released.
@@ -98,42 +99,59 @@ fn touches(f: usize) -> Vec<([f64; 2], f64)> {
 }
 
 impl Setup {
-    fn image(&self, f: usize) -> Array1<f64> {
+    /// Noisy data of an image.
+    fn data(&self, value: impl Fn(&[f64; 2]) -> f64, random: &mut Random) -> Vec<f64> {
+        let image: Array1<f64> = self.places.iter().map(value).collect();
+        random.noisy(&self.jacobian.dot(&image).to_vec(), self.noise)
+    }
+
+    fn frame(&self, f: usize, random: &mut Random) -> Vec<f64> {
         let touches = touches(f);
         let value = |p: &[f64; 2]| -> f64 {
             let near = touches.iter().filter(|(at, _)| (p[0] - at[0]).hypot(p[1] - at[1]) < 0.22);
             near.map(|touch| touch.1).sum()
         };
-        self.places.iter().map(value).collect()
-    }
-
-    fn frame(&self, f: usize, random: &mut Random) -> Vec<f64> {
-        let mut dv = self.jacobian.dot(&self.image(f)).to_vec();
-        dv.iter_mut().for_each(|v| *v += NOISE * random.normal());
-        dv
+        self.data(value, random)
     }
 
     /// Weights that suit the noise, in units of the data term over those of the sums.
     fn settings(&self) -> StTvSettings {
-        let area: f64 = self.gradient.areas_m2().iter().sum();
-        let length = (area / std::f64::consts::PI).sqrt();
+        let areas = self.gradient.areas_m2();
+        let area: f64 = areas.iter().sum();
+        let (length, pixel_m) =
+            ((area / std::f64::consts::PI).sqrt(), (area / areas.len() as f64).sqrt());
         StTvSettings {
             lambda_space: 6.0 / length,
-            lambda_time: 6.0 / length / self.pixel_m(),
+            lambda_time: 6.0 / length / pixel_m,
             noise_std: Some(vec![NOISE; MEASUREMENTS]),
             ..Default::default()
         }
     }
 
-    fn pixel_m(&self) -> f64 {
-        let areas = self.gradient.areas_m2();
-        (areas.iter().sum::<f64>() / areas.len() as f64).sqrt()
+    fn stream(&self, settings: StTvSettings, target_gap: f64) -> CausalStream {
+        self.stream_with(settings, CausalSettings { target_gap, ..Default::default() })
     }
 
-    fn stream(&self, settings: StTvSettings, target_gap: f64) -> CausalStream {
+    fn stream_with(&self, settings: StTvSettings, how: CausalSettings) -> CausalStream {
         let solver = StTv::new(&self.jacobian, &self.gradient, settings).unwrap();
-        let settings = CausalSettings { target_gap, ..Default::default() };
-        CausalStream::new(solver, settings).unwrap()
+        CausalStream::new(solver, how).unwrap()
+    }
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let [a, b] = [a, b].map(|values| Array1::from(values.to_vec()));
+    let error = &a - &b;
+    (error.dot(&error) / b.dot(&b)).sqrt()
+}
+
+/// Every basis, with and without a bound, in both forms.
+fn for_every_form(check: impl Fn(&Setup, StTvSettings)) {
+    for scene in [pixels(14), two_parts(), mesh(true), mesh(false)] {
+        for lower_s in [f64::NEG_INFINITY, 0.0] {
+            for fidelity in [Fidelity::Penalised, constrained()] {
+                check(&scene, StTvSettings { lower_s, fidelity, ..scene.settings() });
+            }
+        }
     }
 }
 
@@ -207,46 +225,33 @@ fn audit(
             kappa = kappa.max(force.abs() / radius);
         }
     }
+    let (mut primal, mut radius, mut square_dual) = (variation, 0.0, 0.5 * square(&dual.data));
     match settings.fidelity {
         Fidelity::Constrained { delta } => {
             let count = good.iter().filter(|g| **g).count() as f64;
-            let delta = delta * (count / MEASUREMENTS as f64).sqrt();
-            Audit {
-                primal: variation,
-                lower_bound: linear - delta * square(&dual.data).sqrt() - support,
-                kappa,
-                violation: square(&own).sqrt() / delta,
-            }
+            radius = delta * (count / MEASUREMENTS as f64).sqrt();
+            square_dual = radius * square(&dual.data).sqrt();
         }
-        _ => Audit {
-            primal: 0.5 * square(&own) + variation,
-            lower_bound: linear - 0.5 * square(&dual.data) - support,
-            kappa,
-            violation: 0.0,
-        },
+        _ => primal += 0.5 * square(&own),
     }
+    let violation = if radius > 0.0 { square(&own).sqrt() / radius } else { 0.0 };
+    Audit { primal, lower_bound: linear - square_dual - support, kappa, violation }
 }
 
-/// Streams frames and checks the certificate of each; returns their numbers of iterations.
+/// Streams frames and checks the certificate of each.
 fn stream_and_audit(
     scene: &Setup,
     settings: &StTvSettings,
     target_gap: f64,
-    frames: usize,
+    frames: impl IntoIterator<Item = usize>,
     good: impl Fn(usize) -> Vec<bool>,
-) -> Vec<usize> {
+) {
     let mut stream = scene.stream(settings.clone(), target_gap);
     let mut random = Random::new(11);
-    let mut iterations = Vec::new();
-    for f in 0..frames {
+    for f in frames {
         let (mut dv, good) = (scene.frame(f, &mut random), good(f));
-        for (value, good) in dv.iter_mut().zip(&good) {
-            if !good {
-                *value = f64::NAN;
-            }
-        }
+        dv.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
         let step = stream.push(&dv, Some(&good)).unwrap();
-        iterations.push(step.iterations);
         if step.quiet || step.status == SequenceStatus::Stalled {
             assert!(step.image.iter().all(|x| *x == 0.0), "frame {f}");
             continue;
@@ -282,7 +287,6 @@ fn stream_and_audit(
         let claimed = if is_converged { target_gap } else { own.relative_gap() };
         assert!(gap <= claimed * found.primal * (1.0 + 1e-6) + rounding, "frame {f}: {gap}");
     }
-    iterations
 }
 
 fn all(_: usize) -> Vec<bool> {
@@ -309,72 +313,54 @@ fn constrained() -> Fidelity {
 #[test]
 fn every_certificate_holds_over_ten_thousand_frames_with_events() {
     let scene = pixels(11);
+    let plain = scene.settings();
     // 10 000 frames in all: penalised, masked, bounded
-    stream_and_audit(&scene, &scene.settings(), GAP, 6000, all);
-    stream_and_audit(&scene, &scene.settings(), GAP, 2000, some);
-    let bounded = StTvSettings { lower_s: 0.0, upper_s: 0.9, ..scene.settings() };
-    stream_and_audit(&scene, &bounded, GAP, 1000, all);
-    let settings = StTvSettings { fidelity: constrained(), ..scene.settings() };
-    stream_and_audit(&scene, &settings, GAP, 1000, all);
+    stream_and_audit(&scene, &plain, GAP, 0..6000, all);
+    stream_and_audit(&scene, &plain, GAP, 0..2000, some);
+    let bounded = StTvSettings { lower_s: 0.0, upper_s: 0.9, ..plain.clone() };
+    stream_and_audit(&scene, &bounded, GAP, 0..1000, all);
+    let settings = StTvSettings { fidelity: constrained(), ..plain.clone() };
+    stream_and_audit(&scene, &settings, GAP, 0..1000, all);
+    // tight gaps are proven in double
+    stream_and_audit(&scene, &plain, 1e-3, 0..30, all);
+    stream_and_audit(&scene, &plain, 1e-5, 0..20, all);
 }
 
 #[test]
 fn every_form_on_every_basis() {
-    for scene in [pixels(14), two_parts(), mesh(true), mesh(false)] {
-        for lower_s in [f64::NEG_INFINITY, 0.0] {
-            for fidelity in [Fidelity::Penalised, constrained()] {
-                for good in [all, some] {
-                    let settings = StTvSettings { lower_s, fidelity, ..scene.settings() };
-                    stream_and_audit(&scene, &settings, GAP, 80, good);
-                }
-            }
-        }
-    }
+    for_every_form(|scene, settings| {
+        stream_and_audit(scene, &settings, GAP, (0..80).step_by(2), all);
+        stream_and_audit(scene, &settings, GAP, (0..80).step_by(2), some);
+    });
 }
 
 /// Without a term in time a frame is the problem that `StTv::solve` has for it alone.
 #[test]
 fn frames_that_are_not_linked_have_the_optimum_of_a_sequence_of_one() {
-    for scene in [pixels(14), two_parts(), mesh(true), mesh(false)] {
-        for lower_s in [f64::NEG_INFINITY, 0.0] {
-            for fidelity in [Fidelity::Penalised, constrained()] {
-                let settings =
-                    StTvSettings { lower_s, fidelity, lambda_time: 0.0, ..scene.settings() };
-                let solver = StTv::new(&scene.jacobian, &scene.gradient, settings.clone()).unwrap();
-                let mut stream = scene.stream(settings, GAP);
-                let mut random = Random::new(5);
-                for f in (8..14).chain(34..40) {
-                    let (dv, good) = (scene.frame(f, &mut random), some(f));
-                    let step = stream.push(&dv, Some(&good)).unwrap();
-                    // constrained frames with bounds do not always converge within the cap, linked or not
-                    let is_hard = lower_s == 0.0 && fidelity != Fidelity::Penalised;
-                    let is_solved = step.quiet || step.status == SequenceStatus::Converged;
-                    assert!(is_solved || is_hard, "frame {f}: {:?}", step.certificate);
-                    let (own, is_quiet) = (step.certificate, step.quiet);
-                    let row = |row: &[f64]| Array2::from_shape_vec((1, row.len()), row.to_vec());
-                    let values = row(&dv).unwrap();
-                    let good = Array2::from_shape_vec((1, good.len()), good).unwrap();
-                    let frames =
-                        DifferenceFrames { values: values.view(), good: Some(good.view()) };
-                    let stop = Stop { target_gap: 1e-3, ..Default::default() };
-                    let whole = solver.solve(&frames, &stop).unwrap().report.certificate.unwrap();
-                    if !is_quiet {
-                        // both intervals contain the optimum, up to the rounding of f64
-                        assert!(own.lower_bound <= whole.primal * (1.0 + 1e-9), "frame {f}");
-                        assert!(whole.lower_bound <= own.primal * (1.0 + 1e-9), "frame {f}");
-                    }
-                }
+    for_every_form(|scene, settings| {
+        // constrained frames with bounds do not always converge within the cap, linked or not
+        let is_hard = settings.lower_s == 0.0 && settings.fidelity != Fidelity::Penalised;
+        let settings = StTvSettings { lambda_time: 0.0, ..settings };
+        let solver = StTv::new(&scene.jacobian, &scene.gradient, settings.clone()).unwrap();
+        let mut stream = scene.stream(settings, GAP);
+        let mut random = Random::new(5);
+        for f in (8..14).chain(34..40) {
+            let (dv, good) = (scene.frame(f, &mut random), some(f));
+            let step = stream.push(&dv, Some(&good)).unwrap();
+            let (own, is_quiet) = (step.certificate, step.quiet);
+            let is_solved = is_quiet || step.status == SequenceStatus::Converged;
+            assert!(is_solved || is_hard, "frame {f}: {own:?}");
+            let values = Array1::from(dv).insert_axis(Axis(0));
+            let good = Array1::from(good).insert_axis(Axis(0));
+            let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
+            let whole = solver.solve(&frames, &gap(1e-3)).unwrap().report.certificate.unwrap();
+            if !is_quiet {
+                // both intervals contain the optimum, up to the rounding of f64
+                assert!(own.lower_bound <= whole.primal * (1.0 + 1e-9), "frame {f}");
+                assert!(whole.lower_bound <= own.primal * (1.0 + 1e-9), "frame {f}");
             }
         }
-    }
-}
-
-#[test]
-fn tight_gaps_are_proven_in_double() {
-    let scene = pixels(11);
-    let settings = scene.settings();
-    stream_and_audit(&scene, &settings, 1e-3, 30, all);
-    stream_and_audit(&scene, &settings, 1e-5, 20, all);
+    });
 }
 
 #[test]
@@ -407,78 +393,33 @@ fn one_pixel_is_a_shifted_and_clipped_least_squares() {
 }
 
 #[test]
-fn a_first_frame_with_a_faint_anchor_is_the_batch_solution() {
-    let scene = pixels(14);
-    let mut random = Random::new(5);
-    let dv = scene.frame(20, &mut random);
-    for fidelity in [Fidelity::Penalised, constrained()] {
-        let settings = StTvSettings { fidelity, ..scene.settings() };
-        let alone = StTvSettings { lambda_time: 0.0, ..settings.clone() };
-        let batch = StTv::new(&scene.jacobian, &scene.gradient, alone).unwrap();
-        let values = Array2::from_shape_vec((1, MEASUREMENTS), dv.clone()).unwrap();
-        let stop = Stop { target_gap: 1e-5, ..Default::default() };
-        let optimum = batch.solve(&DifferenceFrames::all_good(values.view()), &stop).unwrap();
-        let optimum = optimum.report.certificate.unwrap();
-        // so small that the anchor term is below the gap, yet large enough for its dual
-        let share = 2e-2;
-        let solver = StTv::new(&scene.jacobian, &scene.gradient, settings.clone()).unwrap();
-        let how = CausalSettings { target_gap: 1e-3, time_share: share, ..Default::default() };
-        let mut stream = CausalStream::new(solver, how).unwrap();
-        let step = stream.push(&dv, None).unwrap();
-        let added: f64 =
-            share * settings.lambda_time * step.image.iter().map(|x| x.abs()).sum::<f64>();
-        let own = step.certificate;
-        assert_eq!(step.status, SequenceStatus::Converged, "{own:?}");
-        // without the anchor term the image is a candidate of the batch problem, and the anchor term only
-        // increases the objective
-        assert!(own.primal - added >= optimum.lower_bound * (1.0 - 1e-9), "{own:?} {optimum:?}");
-        assert!(own.lower_bound <= optimum.primal + 1.5 * added, "{own:?} {optimum:?}");
-        assert!(own.primal >= optimum.lower_bound, "{own:?} {optimum:?}");
-    }
-}
-
-#[test]
 fn events_are_bounded() {
-    let Some(problem) = fixtures::st_tv::load(32).unwrap() else { return };
-    let gradient = Gradient::pixels(&problem.mask, 1.0).unwrap();
-    let settings = StTvSettings {
-        lambda_space: problem.lambda,
-        lambda_time: problem.lambda,
-        ..Default::default()
-    };
-    let solver = StTv::new(&problem.jacobian, &gradient, settings).unwrap();
-    let mut stream = CausalStream::new(solver, CausalSettings::default()).unwrap();
-    let noise = problem.noise_norm / (problem.values.len() as f64).sqrt();
-    let side = problem.mask.nrows() as f64;
-    let inside = problem.mask.indexed_iter().filter(|(_, m)| **m);
-    let place = |i: usize| (i as f64 + 0.5) / side * 2.0 - 1.0;
-    let places: Vec<[f64; 2]> = inside.map(|((i, j), _)| [place(j), place(i)]).collect();
+    let Some((known, problem)) = reference(32) else { return };
+    let noise = known.noise_norm / (known.values.len() as f64).sqrt();
+    let place = |i: usize| (i as f64 + 0.5) / 16.0 - 1.0;
+    let skin = on_pixels(&known.mask, |i, j| [place(j), place(i)], [0.02, 1.0]);
+    let scene = Setup { jacobian: problem.jacobian, noise, ..skin };
+    let mut stream = scene.stream_with(problem.settings, CausalSettings::default());
     let mut random = Random::new(2);
     let mut iterations = Vec::new();
     for f in 0..400 {
         let angle = f as f64 / 397.0 * std::f64::consts::TAU;
         // of each 100 frames, one finger is pressed at 60 and released at 20, the other at 80 and 40
-        let is_pressed = [!(20..60).contains(&(f % 100)), !(40..80).contains(&(f % 100))];
-        let touch = |k: usize| [(0.55, 0.15, 0.5, 0.0), (0.45, 0.12, 0.4, 2.0)][k];
+        let fingers = [(20..60, 0.55, 0.15, 0.5, 0.0), (40..80, 0.45, 0.12, 0.4, 2.0)];
         let value = |p: &[f64; 2]| -> f64 {
-            let own =
-                (0..2).filter(|&k| is_pressed[k]).map(touch).filter(|(radius, size, _, turn)| {
-                    let (x, y) = (radius * (angle + turn).cos(), radius * (angle + turn).sin());
-                    (p[0] - x).hypot(p[1] - y) < *size
-                });
-            own.map(|touch| touch.2).sum()
+            let here = fingers.iter().filter(|(released, radius, size, _, turn)| {
+                let (sin, cos) = (angle + turn).sin_cos();
+                let off = (p[0] - radius * cos).hypot(p[1] - radius * sin);
+                !released.contains(&(f % 100)) && off < *size
+            });
+            here.map(|finger| finger.3).sum()
         };
-        let image: Array1<f64> = places.iter().map(value).collect();
-        let mut dv = problem.jacobian.dot(&image).to_vec();
-        dv.iter_mut().for_each(|v| *v += noise * random.normal());
-        let step = stream.push(&dv, None).unwrap();
+        let step = stream.push(&scene.data(value, &mut random), None).unwrap();
         assert_eq!(step.status, SequenceStatus::Converged, "frame {f}");
         iterations.push(step.iterations);
     }
-    let most = *iterations.iter().max().unwrap();
-    let mut sorted = iterations.clone();
-    sorted.sort_unstable();
-    let median = sorted[sorted.len() / 2];
+    iterations.sort_unstable();
+    let (most, median) = (iterations[399], iterations[200]);
     assert!(most <= 5 * median, "most {most}, median {median}");
 }
 
@@ -517,7 +458,6 @@ fn allocates_nothing_after_set_up() {
 #[test]
 fn a_deadline_is_kept() {
     let scene = pixels(40);
-    let solver = StTv::new(&scene.jacobian, &scene.gradient, scene.settings()).unwrap();
     let deadline = Duration::from_millis(40);
     let how = CausalSettings {
         target_gap: 1e-13,
@@ -525,7 +465,7 @@ fn a_deadline_is_kept() {
         deadline: Some(deadline),
         ..Default::default()
     };
-    let mut stream = CausalStream::new(solver, how).unwrap();
+    let mut stream = scene.stream_with(scene.settings(), how);
     let mut random = Random::new(3);
     let mut least = f64::INFINITY;
     for f in 20..28 {
@@ -534,7 +474,6 @@ fn a_deadline_is_kept() {
         assert!(step.certificate.relative_gap().is_finite(), "frame {f}");
         least = least.min(step.seconds);
     }
-    println!("best of eight: {:.3} of the deadline", least / deadline.as_secs_f64());
     // without the check of the deadline the call would never return; a test on a shared processor cannot
     // measure how precisely the deadline is kept
     assert!(least <= 3.0 * deadline.as_secs_f64(), "{least}");
@@ -542,39 +481,31 @@ fn a_deadline_is_kept() {
 
 #[test]
 fn the_image_does_not_depend_on_units() {
-    let scene = pixels(11);
     let images = |volt: f64, siemens: f64| -> Vec<Vec<f64>> {
-        let jacobian = scene.jacobian.mapv(|j| j * volt / siemens);
-        let noise = NOISE * volt;
-        let settings = scene.settings();
+        let mut scene = pixels(11);
         let settings = StTvSettings {
-            lambda_space: settings.lambda_space / siemens,
-            lambda_time: settings.lambda_time / siemens,
-            noise_std: Some(vec![noise; MEASUREMENTS]),
-            ..settings
+            lambda_space: scene.settings().lambda_space / siemens,
+            lambda_time: scene.settings().lambda_time / siemens,
+            noise_std: Some(vec![NOISE * volt; MEASUREMENTS]),
+            ..Default::default()
         };
-        let solver = StTv::new(&jacobian, &scene.gradient, settings).unwrap();
-        let mut stream = CausalStream::new(solver, CausalSettings::default()).unwrap();
         let mut random = Random::new(9);
-        let frame = |f: usize, random: &mut Random| -> Vec<f64> {
-            scene.frame(f, random).iter().map(|v| v * volt).collect()
+        let frames: Vec<Vec<f64>> = (20..30).map(|f| scene.frame(f, &mut random)).collect();
+        scene.jacobian *= volt / siemens;
+        let mut stream = scene.stream(settings, GAP);
+        let image = |dv: Vec<f64>| {
+            let dv: Vec<f64> = dv.iter().map(|v| v * volt).collect();
+            stream.push(&dv, None).unwrap().image.iter().map(|x| x / siemens).collect()
         };
-        (20..30)
-            .map(|f| {
-                let dv = frame(f, &mut random);
-                let image = stream.push(&dv, None).unwrap().image.to_vec();
-                image.iter().map(|x| x / siemens).collect()
-            })
-            .collect()
+        frames.into_iter().map(image).collect()
     };
     let plain = images(1.0, 1.0);
     for (volt, siemens) in [(1e-9, 1e-6), (1e9, 1e12), (1e-3, 1e9)] {
         for (a, b) in plain.iter().zip(images(volt, siemens)) {
             let largest = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            for (a, b) in a.iter().zip(&b) {
-                // in internal units the problems differ by rounding only, far below the gap of 1e-2
-                assert!((a - b).abs() <= 1e-2 * largest, "{volt} {siemens}: {a} {b}");
-            }
+            // in internal units the problems differ by rounding only, far below the gap of 1e-2
+            let is_same = a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-2 * largest);
+            assert!(is_same, "{volt} {siemens}: {a:?} {b:?}");
         }
     }
 }
@@ -584,9 +515,7 @@ fn rest_dropped_frames_and_references() {
     let scene = pixels(14);
     let mut stream = scene.stream(scene.settings(), GAP);
     let mut random = Random::new(3);
-    // pure noise: rest
-    let step = stream.push(&scene.frame(0, &mut random), None).unwrap();
-    assert!(step.quiet && step.iterations == 0);
+    assert!(stream.push(&scene.frame(0, &mut random), None).unwrap().quiet);
     // a touch, held over a dropped frame and one without a good channel
     let dv = scene.frame(20, &mut random);
     let held = stream.push(&dv, None).unwrap().image.to_vec();
@@ -608,10 +537,8 @@ fn rest_dropped_frames_and_references() {
     let first = scene.stream(scene.settings(), GAP).push(&dv, None).unwrap().image.to_vec();
     stream.restart();
     let again = stream.push(&dv, None).unwrap().image.to_vec();
-    let distance: f64 = first.iter().zip(&again).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    let norm: f64 = first.iter().map(|a| a * a).sum::<f64>().sqrt();
     // both are within the gap of the same optimum; their steps differ
-    assert!(distance <= 0.1 * norm, "{distance} {norm}");
+    assert!(distance(&again, &first) <= 0.1);
     // release: after at most eight quiet frames the image is zero
     let mut zero = false;
     for _ in 0..9 {
@@ -621,37 +548,118 @@ fn rest_dropped_frames_and_references() {
     assert!(zero);
 }
 
+/// Noise, frames equal to the reference and dropped frames cost nothing; what follows is solved as by a new
+/// stream. Without `noise_std` only data of zero is quiet. A first frame next to nothing does no harm.
 #[test]
-fn refuses_what_cannot_be() {
+fn quiet_frames_cost_nothing() {
+    let scene = pixels(14);
+    let (zero, mut random) = (vec![0.0; MEASUREMENTS], Random::new(3));
+    let frames: Vec<Vec<f64>> = (20..32).map(|f| scene.frame(f, &mut random)).collect();
+    for noise_std in [None, Some(vec![NOISE; MEASUREMENTS])] {
+        let is_noise_known = noise_std.is_some();
+        let settings = StTvSettings { lambda_time: 0.0, noise_std, ..scene.settings() };
+        let mut stream = scene.stream(settings.clone(), GAP);
+        let rounding: Vec<f64> = frames[0].iter().map(|dv| 1e-16 * dv).collect();
+        stream.push(&rounding, None).unwrap();
+        for dv in &frames {
+            let step = stream.push(dv, None).unwrap();
+            assert_eq!(step.status, SequenceStatus::Converged, "{:?}", step.certificate);
+            assert!(!step.quiet && step.iterations > 0);
+        }
+        for f in 0..10 {
+            let noise: Vec<f64> = (0..MEASUREMENTS).map(|_| NOISE * random.normal()).collect();
+            let step = match f {
+                5 => stream.push_dropped(),
+                6.. if is_noise_known => stream.push(&noise, None).unwrap(),
+                _ => stream.push(&zero, None).unwrap(),
+            };
+            assert!(step.quiet && step.iterations == 0, "frame {f}");
+            assert!(step.image.iter().all(|x| *x == 0.0), "frame {f}");
+            if f < 6 {
+                assert_eq!((step.certificate.primal, step.residual), (0.0, 0.0));
+            }
+        }
+        // a stream that was at rest and a new stream solve the same problems
+        let mut fresh = scene.stream(settings, GAP);
+        for dv in &frames[..3] {
+            let [rested, new] = [&mut stream, &mut fresh].map(|stream| {
+                let step = stream.push(dv, None).unwrap();
+                assert_eq!(step.status, SequenceStatus::Converged);
+                step.certificate
+            });
+            // both are certified, so the intervals of the optimum overlap
+            assert!(rested.lower_bound <= new.primal * (1.0 + 1e-9));
+            assert!(new.lower_bound <= rested.primal * (1.0 + 1e-9));
+        }
+    }
+}
+
+/// A sixth of the channels is lost and delivers invalid values.
+#[test]
+fn a_lost_electrode_leaves_most_of_the_image() {
+    let place = |i: usize, j: usize| [i as f64 / 6.5 - 1.0, j as f64 / 6.5 - 1.0];
+    let is_inside = |(i, j)| place(i, j)[0].hypot(place(i, j)[1]) <= 6.8 / 6.5;
+    let mask = Array2::from_shape_fn((14, 14), is_inside);
+    let scene = on_pixels(&mask, place, [1.0 / 42.25, 1.0 / 6.5]);
+    let settings = StTvSettings { lambda_space: 1.0, lambda_time: 0.0, ..scene.settings() };
+    let [mut whole, mut part] = [0; 2].map(|_| scene.stream(settings.clone(), GAP));
+    let mut random = Random::new(7);
+    // those of the Jacobian
+    (0..2 * MEASUREMENTS).for_each(|_| _ = random.uniform());
+    for f in 0..30 {
+        let (sin, cos) = (0.05 * f as f64).sin_cos();
+        let value = |[x, y]: &[f64; 2]| f64::from((x - 0.5 * cos).hypot(y - 0.5 * sin) < 2.5 / 6.5);
+        let mut dv = scene.data(value, &mut random);
+        let wanted = whole.push(&dv, None).unwrap().image.to_vec();
+        let good: Vec<bool> = (0..MEASUREMENTS).map(|i| f < 12 || i % 6 != 0).collect();
+        dv.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
+        let off = distance(part.push(&dv, Some(&good)).unwrap().image, &wanted);
+        assert!(off <= if f < 12 { 0.0 } else { 0.5 }, "frame {f}: {off}");
+    }
+}
+
+#[test]
+fn refuses_what_cannot_be_and_leaves_the_stream() {
     let scene = pixels(11);
     let plain = || StTv::new(&scene.jacobian, &scene.gradient, scene.settings()).unwrap();
-    let with = |how| CausalStream::new(plain(), how).map(drop);
-    let bad = [
+    for how in [
         CausalSettings { target_gap: 0.0, ..Default::default() },
         CausalSettings { target_gap: f64::NAN, ..Default::default() },
         CausalSettings { max_iterations: 0, ..Default::default() },
         CausalSettings { time_share: 0.0, ..Default::default() },
-    ];
-    for how in bad {
-        assert!(matches!(with(how), Err(InverseError::OutOfRange { .. })), "{how:?}");
+    ] {
+        refused!(CausalStream::new(plain(), how).map(drop), OutOfRange { .. });
     }
 
-    let mut stream = scene.stream(scene.settings(), GAP);
-    let mut dv = vec![0.0; MEASUREMENTS];
-    assert!(matches!(stream.push(&dv[1..], None), Err(InverseError::WrongLength { .. })));
-    dv[5] = f64::INFINITY;
-    assert!(matches!(
-        stream.push(&dv, None),
-        Err(InverseError::NonFiniteData { frame: 0, measurement: 5, .. })
-    ));
-    assert!(stream.change_reference(&dv).is_err());
-    assert!(stream.anchor(&[0.0]).is_err());
-    let tight = StTvSettings { fidelity: Fidelity::Constrained { delta: 0.0 }, ..scene.settings() };
-    let few = Array2::from_shape_fn((MEASUREMENTS, scene.places.len()), |(i, p)| {
-        scene.jacobian[(i % 3, p)]
-    });
-    let solver = StTv::new(&few, &scene.gradient, tight).unwrap();
-    let mut stream = CausalStream::new(solver, CausalSettings::default()).unwrap();
-    let dv: Vec<f64> = (0..MEASUREMENTS).map(|i| i as f64).collect();
-    assert!(matches!(stream.push(&dv, None), Err(InverseError::DeltaTooSmall { .. })));
+    // two equal measurements
+    let mut twins = pixels(11);
+    let twin = twins.jacobian.row(MEASUREMENTS - 2).to_owned();
+    twins.jacobian.row_mut(MEASUREMENTS - 1).assign(&twin);
+    let settings = StTvSettings { fidelity: constrained(), ..scene.settings() };
+    let [mut clean, mut tried] = [0; 2].map(|_| twins.stream(settings.clone(), GAP));
+    let mask: Vec<bool> = (0..MEASUREMENTS).map(|i| i != 7).collect();
+    let mut random = Random::new(7);
+    for f in 0..14 {
+        let mut dv = twins.frame(10 + f, &mut random);
+        dv[MEASUREMENTS - 1] = dv[MEASUREMENTS - 2];
+        let mut bad = dv.clone();
+        bad[7] = f64::NAN;
+        if f == 7 {
+            let refused = tried.push(&bad, None).unwrap_err();
+            let wanted = InverseError::NonFiniteData { frame: 7, measurement: 7, value: f64::NAN };
+            assert_eq!(refused.to_string(), wanted.to_string());
+            refused!(tried.push(&bad[1..], None), WrongLength { .. });
+            assert!(tried.push(&dv, Some(&[true])).is_err());
+            assert!(tried.change_reference(&bad).is_err());
+            assert!(tried.anchor(&[0.0]).is_err());
+            // a difference of 100 between two equal measurements puts each 50 standard deviations off
+            let mut contradiction = dv.clone();
+            contradiction[MEASUREMENTS - 1] += 100.0 * NOISE;
+            refused!(tried.push(&contradiction, None), DeltaTooSmall { frame: 7, .. });
+        }
+        // if masked, the same value is never read
+        let (values, good) = if f == 9 { (&bad, Some(&mask[..])) } else { (&dv, None) };
+        let wanted = clean.push(values, good).unwrap().image;
+        assert_eq!(tried.push(values, good).unwrap().image, wanted, "frame {f}");
+    }
 }

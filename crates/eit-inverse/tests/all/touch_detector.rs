@@ -1,34 +1,20 @@
 //! The touch detector on linear data of a disc: correct covariances, no false touches, held touches, drift.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "a test file: a panic is a failed test"
-)]
-
 use crate::common::adjacent;
 use crate::common::detector::{
-    DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, place, push, touched,
+    DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, normalised_squared, place,
+    push, touched,
 };
 use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use fixtures::Random;
 use ndarray::{Array1, Array2};
-
-/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 if `C` is the covariance of `p`.
-fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
-    let [x, y] = [0, 1].map(|k| touch.position_m[k] - at[k]);
-    let [[a, b, _], [_, d, _], _] = touch.position_covariance_m2;
-    (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
-}
 
 /// Positions and strengths err as their covariances state.
 #[test]
 fn covariances_are_honest() {
     let mut random = Random::new(3);
     let detector = SKIN.detector(1e-8);
-    let (mut squared, mut strengths, mut stds_m) = (0.0, 0.0, Vec::new());
+    let (mut squared, mut strengths) = (0.0, 0.0);
     let count = 300;
     for _ in 0..count {
         let at = place(&mut random, 0.8);
@@ -37,10 +23,7 @@ fn covariances_are_honest() {
         squared += normalised_squared(&touch, at) / f64::from(count);
         let off = (touch.strength_s_m2 - FINGER) / touch.strength_std_s_m2;
         strengths += off * off / f64::from(count);
-        stds_m.push(touch.position_covariance_m2[0][0].sqrt());
     }
-    stds_m.sort_by(f64::total_cmp);
-    println!("mean square {squared:.2} and {strengths:.2}, median std {:.2e} m", stds_m[150]);
     // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08; allowed are five of
     // each, plus the difference between the meshes
     assert!((squared - 2.0).abs() < 0.6, "{squared}");
@@ -63,7 +46,6 @@ fn white_noise_shows_nothing() {
     }
     // 1 per row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of 2e6 squares
     // is known to 0.1 %.
-    println!("mean square of a row {rests:.4}");
     assert!((rests - 1.015).abs() < 0.015, "{rests}");
 }
 
@@ -71,34 +53,32 @@ fn white_noise_shows_nothing() {
 #[test]
 fn turned_touches_have_turned_places() {
     let detector = SKIN.detector(1e-8);
-    let mut worst_m = 0.0_f64;
     for (r, angle) in [(0.03, 0.3), (0.06, 1.1), (0.085, 2.0)] {
-        let found = (0..ELECTRODES).map(|turn| {
-            let turned = std::f64::consts::TAU * turn as f64 / ELECTRODES as f64;
-            let (sin, cos) = f64::sin_cos(angle + turned);
-            let frame = touched(&[([r * cos, r * sin], FINGER)]);
-            let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("{r} {turn}") };
-            let [x, y, _] = touch.position_m;
-            // rotated back
-            let (sin, cos) = turned.sin_cos();
-            [cos * x + sin * y, cos * y - sin * x]
-        });
-        let found: Vec<[f64; 2]> = found.collect();
+        let found: Vec<[f64; 2]> = (0..ELECTRODES)
+            .map(|turn| {
+                let turned = std::f64::consts::TAU * turn as f64 / ELECTRODES as f64;
+                let (sin, cos) = f64::sin_cos(angle + turned);
+                let frame = touched(&[([r * cos, r * sin], FINGER)]);
+                let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("{r} {turn}") };
+                let [x, y, _] = touch.position_m;
+                // rotated back
+                let (sin, cos) = turned.sin_cos();
+                [cos * x + sin * y, cos * y - sin * x]
+            })
+            .collect();
         let mean = [0, 1].map(|k| found.iter().map(|p| p[k]).sum::<f64>() / 16.0);
-        let off = found.iter().map(|p| (p[0] - mean[0]).hypot(p[1] - mean[1]));
-        worst_m = worst_m.max(off.fold(0.0, f64::max));
         assert!((mean[0].hypot(mean[1]) - r).abs() < 0.5e-3, "{r} {mean:?}");
+        // a fifth of the mesh's edge of 5 mm, on which a bell of 7 mm is sampled
+        let is_near = |p: &[f64; 2]| (p[0] - mean[0]).hypot(p[1] - mean[1]) < 1e-3;
+        assert!(found.iter().all(is_near), "{r}: {found:?}");
     }
-    println!("places differ by {worst_m:.2e} m");
-    // a fifth of the mesh's edge of 5 mm, on which a bell of 7 mm is sampled
-    assert!(worst_m < 1e-3, "{worst_m}");
 }
 
 /// Least strength of a skin in practical use.
 const LEAST: f64 = 2e-6;
 
-/// What no touch explains becomes part of the reference, and from its end on the opposite of it looks like a touch. It does
-/// not if the reference is taken back.
+/// What no touch explains becomes part of the reference, and from its end on the opposite of it looks like a touch. It
+/// does not if the reference is taken back.
 #[test]
 fn a_reference_taken_back_shows_no_touch() {
     let mut random = Random::new(12);
@@ -145,7 +125,6 @@ fn a_held_touch_stays_and_leaves_nothing() {
         }
     }
     let last = strengths[1100..].iter().sum::<f64>() / 100.0;
-    println!("strength at the end {last:.3}");
     assert!((last - 1.0).abs() < 0.1, "{last}");
 }
 
@@ -162,27 +141,20 @@ fn a_slow_drift_shows_nothing() {
     }
 }
 
-/// Voltage change by a wave of the sheet: half a percent of its conductivity, 0.28 m long.
-fn wave_v() -> Array1<f64> {
-    let wave = |c: &[f64; 3]| 5e-3 * (20.0 * c[0] + 10.0 * c[1]).sin();
-    let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
-    TRUTH.jacobian.dot(&change)
-}
-
 /// Quiet frames contain a wave of one shape and random amplitude. The same wave in later frames shows no
 /// touch, and a finger on it is found. A detector without quiet frames shows touches.
 #[test]
 fn what_quiet_frames_do_is_no_touch() {
     let mut random = Random::new(13);
-    let wave_v = wave_v();
+    // half a percent of the sheet's conductivity, 0.28 m long
+    let wave = |c: &[f64; 3]| 5e-3 * (20.0 * c[0] + 10.0 * c[1]).sin();
+    let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
+    let wave_v = TRUTH.jacobian.dot(&change);
     let on_wave = |values: &[f64], random: &mut Random| {
-        let amplitude = random.normal();
-        let waved: Vec<f64> =
-            values.iter().zip(&wave_v).map(|(v, wave)| v + amplitude * wave).collect();
-        random.noisy(&waved, SKIN.noise_std_v[0])
+        let waved = Array1::from(values.to_vec()) + random.normal() * &wave_v;
+        random.noisy(&waved.to_vec(), SKIN.noise_std_v[0])
     };
-    let frames = 60;
-    let mut quiet_v = Array2::zeros((frames, MEASUREMENTS));
+    let mut quiet_v = Array2::zeros((60, MEASUREMENTS));
     for mut row in quiet_v.rows_mut() {
         row.assign(&Array1::from(on_wave(&SKIN.model_v, &mut random)));
     }
@@ -192,15 +164,13 @@ fn what_quiet_frames_do_is_no_touch() {
     let mut with_quiet = TouchDetector::new(&model, settings).unwrap();
     let mut plain = SKIN.detector(LEAST);
     let mut shown = [0; 2];
-    for _ in 0..1000 {
+    for k in 0..1000 {
         let frame = on_wave(&SKIN.model_v, &mut random);
-        for (shown, detector) in shown.iter_mut().zip([&mut with_quiet, &mut plain]) {
-            *shown += usize::from(!push(detector, &frame).is_empty());
-        }
+        shown[0] += usize::from(!push(&mut with_quiet, &frame).is_empty());
+        shown[1] += usize::from(k < 200 && !push(&mut plain, &frame).is_empty());
     }
-    println!("touches in {shown:?} of 1000 frames, with and without quiet frames");
     assert_eq!(shown[0], 0);
-    assert!(shown[1] > 200, "{shown:?}");
+    assert!(shown[1] > 40, "{shown:?}");
     let at = [0.03, -0.05];
     let finger = touched(&[(at, FINGER)]);
     for _ in 0..100 {
@@ -278,9 +248,7 @@ fn a_touch_that_goes_on_needs_less_evidence() {
         evidence += new.evidence_at(&[at_m])[0] / f64::from(count);
         second += i32::from(is_here(&push(&mut new, &again)));
     }
-    println!(
-        "of {count}: kept {kept}, first {first}, second {second}; mean evidence {evidence:.1}"
-    );
+    println!("of {count}: kept {kept}, first {first}, second {second}; evidence {evidence:.1}");
     // chi^2 is (5 + z)^2 with standard normal z: 9 is exceeded by 98 %, 36 by 16 %, a sum of 40 by about 80 %,
     // but where the residual happens to exceed its expectation, more is required. Counted: 186, 43, 83
     assert!(kept >= 175 && first <= 60 && second >= first + 25, "{kept} {first} {second}");
@@ -294,26 +262,24 @@ fn a_touch_that_goes_on_needs_less_evidence() {
 #[test]
 fn a_touch_is_faint_beside_what_explains_more() {
     let mut random = Random::new(21);
-    let mut shown = [0; 2];
+    let (detector, mut shown) = (SKIN.detector(LEAST), [0; 2]);
     for turn in 0..20 {
         let (sin, cos) = f64::from(turn).sin_cos();
         let rim = [0.09 * cos, 0.09 * sin];
         for (shown, [at_rim, in_middle]) in shown.iter_mut().zip([[1.0, 8.0], [8.0, 1.0]]) {
             let frame = touched(&[(rim, at_rim * FINGER), ([0.0, 0.0], in_middle * FINGER)]);
             let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
-            *shown += push(&mut SKIN.detector(LEAST), &frame).len();
+            *shown += push(&mut detector.clone(), &frame).len();
         }
     }
-    println!("touches in 20 frames each {shown:?}");
     assert_eq!(shown, [40, 20]);
 }
 
-/// Six fingers at random, 40 mm apart, each frame on its own. Full Gauss-Newton steps may diverge; when
-/// they were not undone, frame 165 showed no touch at all.
+/// Six fingers at random, 40 mm apart, each frame on its own.
 #[test]
 fn six_fingers_are_found_from_one_frame() {
     let mut random = Random::new(22);
-    let (mut found, mut shown, frames) = (0, 0, 200);
+    let (mut found, mut shown, frames) = (0, 0, 100);
     let detector = SKIN.detector(LEAST);
     for frame in 0..frames {
         let mut places: Vec<[f64; 2]> = Vec::new();
@@ -335,6 +301,6 @@ fn six_fingers_are_found_from_one_frame() {
         found += here;
         shown += touches.len();
     }
-    println!("{found} of {} fingers, {shown} touches", 6 * frames);
-    assert!(found >= 1116 && shown <= found + 24, "93 % and 2 %: {found} and {shown}");
+    // 93 % and 2 %
+    assert!(found >= 558 && shown <= found + 12, "{found} of {} and {shown}", 6 * frames);
 }

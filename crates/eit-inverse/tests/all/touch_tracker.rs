@@ -1,13 +1,4 @@
 //! Ids, births, ends and velocities of detected touches, on synthetic detections.
-//!
-//! One file over 300 lines: all tests share the `Bench` that drives a tracker.
-
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::panic,
-    reason = "a test file: a panic is a failed test"
-)]
 
 use eit_inverse::InverseError;
 use eit_inverse::touch::{DetectedTouch, Touch, TouchState, TouchTracker, TrackerSettings};
@@ -59,92 +50,63 @@ fn only(touches: &[Touch]) -> Touch {
     *touch
 }
 
-/// Seventeen touches at different positions.
-fn seventeen() -> Vec<DetectedTouch> {
-    (0..17).map(|k| touch(0.1 * f64::from(k), 0.0, WEAK)).collect()
+fn ids(touches: &[Touch]) -> Vec<u64> {
+    touches.iter().map(|touch| touch.id).collect()
 }
 
 #[test]
 fn more_touches_than_fit_are_refused() {
+    let seventeen: Vec<_> = (0..17).map(|k| touch(0.1 * f64::from(k), 0.0, WEAK)).collect();
     let mut bench = Bench::new(|_| ());
-    bench.push(&seventeen()[..16]);
+    bench.push(&seventeen[..16]);
     let mut untroubled = bench.tracker.clone();
-    let refused = bench.tracker.push(&seventeen(), 1.0, true).unwrap_err();
+    let refused = bench.tracker.push(&seventeen, 1.0, true).unwrap_err();
     assert_eq!(refused, InverseError::TooManyTouches { found: 17, most: 16 });
     // unchanged: the second frame of weak touches names as many as allowed
-    let frame = &seventeen()[..16];
+    let frame = &seventeen[..16];
     let touches = bench.tracker.push(frame, 1.0, true).unwrap();
     assert_eq!(touches.len(), 8);
     assert_eq!(touches, untroubled.push(frame, 1.0, true).unwrap());
     // settings that allow more touches have room for more
     let mut roomy = Bench::new(|settings| settings.max_touches = 20);
-    assert!(roomy.tracker.push(&seventeen(), 1.0, true).is_ok());
+    assert!(roomy.tracker.push(&seventeen, 1.0, true).is_ok());
 }
 
-/// A weak touch is reported from the frame on that shows it for the `birth_frames`th time, with age 0.
+/// A touch is reported when it has been shown often enough, with age 0; at once if it is strong and known to four of
+/// its standard deviations, or weak but worth enough and known well enough. One whose strength is below three quarters
+/// of its standard deviation is not to be acted on. Once born, it continues, weak or not.
 #[test]
-fn weak_touches_are_born_when_shown_often_enough() {
-    for birth_frames in [1, 2, 4] {
+fn births_need_strength_or_evidence_and_precision() {
+    let (strong, nan) = (2.0 * STRONG, f64::NAN);
+    // after how many frames; how many it must be shown in by the settings; strength, its deviation, worth; is it valid?
+    for (after, birth_frames, strength_s_m2, strength_std_s_m2, worth, valid) in [
+        (1, 1, WEAK, 0.01 * STRONG, 5.0, true),
+        (2, 2, WEAK, 0.01 * STRONG, 5.0, true),
+        (4, 4, WEAK, 0.01 * STRONG, 5.0, true),
+        (1, 10, STRONG, 0.01 * STRONG, 5.0, true),
+        (1, 10, -STRONG, 0.01 * STRONG, 5.0, true),
+        (1, 2, WEAK, 0.24 * WEAK, 8.0, true),
+        (2, 2, WEAK, 0.24 * WEAK, 7.9, true),
+        (2, 2, WEAK, 0.26 * WEAK, 80.0, true),
+        (1, 2, strong, 0.49 * STRONG, 5.0, true),
+        (2, 2, strong, 0.51 * STRONG, 5.0, true),
+        (2, 2, strong, 2.6 * STRONG, 5.0, true),
+        (2, 2, strong, 2.7 * STRONG, 5.0, false),
+        (2, 2, strong, nan, 5.0, false),
+    ] {
+        let case = format!("{birth_frames} {strength_s_m2:e} {strength_std_s_m2:e} {worth}");
         let mut bench = Bench::new(|settings| settings.birth_frames = birth_frames);
-        for shown in 1..birth_frames {
-            assert!(bench.push(&[touch(0.01, 0.0, WEAK)]).is_empty(), "{birth_frames} {shown}");
+        let found = DetectedTouch { strength_std_s_m2, worth, ..touch(0.0, 0.1, strength_s_m2) };
+        for _ in 1..after {
+            assert!(bench.push(&[found]).is_empty(), "{case}");
         }
-        let born = only(&bench.push(&[touch(0.01, 0.0, WEAK)]));
-        assert_eq!((born.id, born.state, born.age_frames), (1, TouchState::Begin, 0));
-        assert_eq!((born.age_s, born.valid), (0.0, true));
-        let next = only(&bench.push(&[touch(0.01, 0.0, WEAK)]));
-        assert_eq!((next.id, next.state, next.age_frames), (1, TouchState::Hold, 1));
-        assert!((next.age_s - DT_S).abs() < 1e-12);
-    }
-}
-
-/// Strong touches are reported at once, with either sign.
-#[test]
-fn strong_touches_are_born_at_once() {
-    for strength in [STRONG, -STRONG] {
-        let mut bench = Bench::new(|settings| settings.birth_frames = 10);
-        let born = only(&bench.push(&[touch(0.0, 0.0, strength)]));
-        assert_eq!((born.state, born.intensity_s_m2), (TouchState::Begin, strength));
-        // once born it continues, weak or not
-        assert_eq!(only(&bench.push(&[touch(0.0, 0.0, WEAK)])).state, TouchState::Hold);
-    }
-}
-
-/// A weak touch is reported at once if it is worth enough and its strength is known well enough.
-#[test]
-fn weak_touches_with_enough_evidence_are_born_at_once() {
-    for (worth, std, is_born) in
-        [(8.0, 0.24 * WEAK, true), (7.9, 0.24 * WEAK, false), (80.0, 0.26 * WEAK, false)]
-    {
-        let mut bench = Bench::new(|_| ());
-        let found = DetectedTouch { worth, strength_std_s_m2: std, ..touch(0.0, 0.0, WEAK) };
-        assert_eq!(bench.push(&[found]).len(), usize::from(is_born), "{worth} {std:e}");
-        assert_eq!(bench.push(&[found]).len(), 1, "{worth} {std:e}");
-    }
-}
-
-/// A strong touch below four of its own standard deviations is reported only when shown often enough.
-#[test]
-fn strong_touches_that_are_hardly_known_must_be_shown_again() {
-    let known_to = |strength_std_s_m2: f64| DetectedTouch {
-        strength_std_s_m2,
-        ..touch(0.0, 0.1, 2.0 * STRONG)
-    };
-    for (std, is_born) in [(0.49 * STRONG, true), (0.51 * STRONG, false), (f64::NAN, false)] {
-        let mut bench = Bench::new(|_| ());
-        assert_eq!(bench.push(&[known_to(std)]).len(), usize::from(is_born), "{std:e}");
-        assert_eq!(bench.push(&[known_to(std)]).len(), 1, "{std:e}");
-    }
-}
-
-/// A touch whose strength is below three quarters of its standard deviation is reported, but not to be acted on.
-#[test]
-fn touches_of_unknown_strength_are_not_valid() {
-    for (std, is_valid) in [(2.6 * STRONG, true), (2.7 * STRONG, false), (f64::NAN, false)] {
-        let mut bench = Bench::new(|_| ());
-        let found = DetectedTouch { strength_std_s_m2: std, ..touch(0.0, 0.1, 2.0 * STRONG) };
-        bench.push(&[found]);
-        assert_eq!(only(&bench.push(&[found])).valid, is_valid, "{std:e}");
+        let born = only(&bench.push(&[found]));
+        assert_eq!((born.id, born.state, born.valid), (1, TouchState::Begin, valid), "{case}");
+        assert_eq!((born.age_frames, born.age_s), (0, 0.0), "{case}");
+        assert!(after > 1 || born.intensity_s_m2 == strength_s_m2, "{case}");
+        let next = only(&bench.push(&[touch(0.0, 0.1, WEAK)]));
+        assert_eq!((next.id, next.state, next.age_frames), (1, TouchState::Hold, 1), "{case}");
+        assert!((next.age_s - DT_S).abs() < 1e-12, "{case}");
     }
 }
 
@@ -172,15 +134,6 @@ fn touches_are_held_while_nothing_is_known() {
     assert!(unseen(&mut bench).is_empty());
 }
 
-/// Reported positions are on the skin, wherever the filter is.
-#[test]
-fn touches_are_placed_on_the_skin() {
-    let mut bench = Bench::new(|_| ());
-    bench.push(&[touch(0.12, 0.0, STRONG)]);
-    bench.tracker.place(|[x, y, z]| [x.min(0.1), y, z]);
-    assert_eq!(only(bench.tracker.touches()).position_m, [0.1, 0.0, 0.0]);
-}
-
 /// A missing touch stays for the forgiven frames as not valid, ends once and is gone.
 #[test]
 fn forgiven_frames_then_the_end() {
@@ -195,8 +148,14 @@ fn forgiven_frames_then_the_end() {
         assert_eq!((end.id, end.state, end.valid), (1, TouchState::End, false), "{forgiven}");
         assert_eq!(end.intensity_s_m2, STRONG);
         assert!(bench.push(&[]).is_empty());
-        // ids are never reused
+        // ids are never reused, nor by a tracker that continues them
         assert_eq!(only(&bench.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
+        let mut next = Bench::new(|_| ());
+        next.tracker.set_next_id(bench.tracker.next_id());
+        assert_eq!(only(&next.push(&[touch(0.02, 0.0, STRONG)])).id, 3);
+        // reported positions are on the skin, wherever the filter is
+        next.tracker.place(|[x, y, z]| [x.min(0.01), y, z]);
+        assert_eq!(only(next.tracker.touches()).position_m, [0.01, 0.0, 0.0]);
     }
 }
 
@@ -212,16 +171,6 @@ fn the_end_is_where_it_was_seen() {
     }
     let end = only(&bench.push(&[]));
     assert_eq!((end.state, end.position_m), (TouchState::End, seen.position_m));
-}
-
-/// A tracker that continues another's ids uses none of them again.
-#[test]
-fn ids_are_continued() {
-    let mut first = Bench::new(|_| ());
-    first.push(&[touch(0.02, 0.0, STRONG)]);
-    let mut second = Bench::new(|_| ());
-    second.tracker.set_next_id(first.tracker.next_id());
-    assert_eq!(only(&second.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
 }
 
 /// A gap of forgiven frames changes neither id nor age, for a touch at rest and for a moving one that
@@ -263,12 +212,10 @@ fn numbers_are_kept_through_a_crossing() {
 /// A touch beyond the gate is another touch; the old one is forgiven and ends.
 #[test]
 fn beyond_the_gate_is_another_touch() {
-    for (way_m, is_same) in [(39e-3, true), (41e-3, false)] {
+    for (way_m, wanted) in [(39e-3, &[1][..]), (41e-3, &[1, 2])] {
         let mut bench = Bench::new(|_| ());
         bench.push(&[touch(0.0, 0.0, STRONG)]);
-        let ids: Vec<u64> =
-            bench.push(&[touch(way_m, 0.0, STRONG)]).iter().map(|touch| touch.id).collect();
-        assert_eq!(ids, if is_same { vec![1] } else { vec![1, 2] }, "{way_m}");
+        assert_eq!(ids(&bench.push(&[touch(way_m, 0.0, STRONG)])), wanted, "{way_m}");
     }
 }
 
@@ -277,14 +224,12 @@ fn beyond_the_gate_is_another_touch() {
 fn the_most_is_kept() {
     let mut bench = Bench::new(|settings| settings.max_touches = 2);
     let three = [0.0, 0.1, 0.2].map(|x_m| touch(x_m, 0.0, STRONG));
-    let ids = |touches: &[Touch]| touches.iter().map(|touch| touch.id).collect::<Vec<_>>();
     (0..5).for_each(|_| assert_eq!(ids(&bench.push(&three)), [1, 2]));
     assert_eq!(ids(&bench.push(&three[1..])), [1, 2]);
     // the first ends, the third takes its place
     let touches = bench.push(&three[1..]);
     assert_eq!(ids(&touches), [1, 2, 3]);
-    assert_eq!(touches[0].state, TouchState::End);
-    assert_eq!(touches[2].state, TouchState::Begin);
+    assert_eq!((touches[0].state, touches[2].state), (TouchState::End, TouchState::Begin));
 }
 
 /// Times that do not increase are rejected with both times, and the tracker is unchanged.
@@ -295,12 +240,9 @@ fn time_that_goes_back_is_refused() {
     bench.tracker.push(&found, 5.0, true).unwrap();
     let mut untroubled = bench.tracker.clone();
     for time_s in [5.0, 4.9, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-        match bench.tracker.push(&found, time_s, true).unwrap_err() {
-            InverseError::TimeOrder { frame: 1, time_s: found_s, before_s: 5.0 } => {
-                assert!(found_s.total_cmp(&time_s).is_eq());
-            }
-            error => panic!("{time_s}: {error}"),
-        }
+        let refused = bench.tracker.push(&found, time_s, true).unwrap_err();
+        let wanted = InverseError::TimeOrder { frame: 1, time_s, before_s: 5.0 };
+        assert_eq!(format!("{refused:?}"), format!("{wanted:?}"));
     }
     assert_eq!(bench.tracker.push(&[], 5.1, false), untroubled.push(&[], 5.1, false));
     assert!(!only(bench.tracker.touches()).whole);
@@ -308,8 +250,8 @@ fn time_that_goes_back_is_refused() {
 
 /// A point in steady motion, measured without error, has its velocity. At 5 mm a frame, 4 standard deviations of
 /// a measured place, it may still have come to rest, with a probability of 0.003: that share of a frame's way
-/// (0.015 mm), and two or three times that share of the velocity, are missing. At 25 mm a frame
-/// the least probability of a rest is left, 1e-6. One that comes to rest soon has no velocity.
+/// (0.015 mm), and two or three times that share of the velocity, are missing. At 25 mm a frame the least probability
+/// of a rest is left, 1e-6. One that comes to rest soon has no velocity.
 #[test]
 fn velocity_of_a_steady_point() {
     let steady = |speed_m_s: f64, place_error_m: f64, velocity_part: f64| {

@@ -1,5 +1,4 @@
 //! The examples run and give the documented results.
-#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../../examples/disc.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]

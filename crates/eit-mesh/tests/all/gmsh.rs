@@ -1,32 +1,28 @@
-//! Gmsh files: files written by Gmsh and by this crate, and files that must be rejected. One file
-//! because all tests share its sample files.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    missing_docs
-)]
-// a test may stop at the first failure, and prints which data it skipped
+//! Gmsh files: files written by Gmsh and by this crate, and files that must be rejected.
 
 use crate::surfaces;
 use eit_mesh::{
     Electrode, ElementField, GmshVersion, Mesh, MeshError, parse_gmsh, read_gmsh, write_gmsh,
 };
 use proptest::prelude::*;
-use std::path::PathBuf;
+use std::collections::HashMap;
+use std::path::Path;
 
 const VERSIONS: [GmshVersion; 2] = [GmshVersion::V2_2, GmshVersion::V4_1];
 
-fn written(mesh: &Mesh, version: GmshVersion) -> String {
+fn written(mesh: &Mesh, version: GmshVersion, fields: &[ElementField<'_>]) -> String {
     let mut bytes = Vec::new();
-    write_gmsh(mesh, &mut bytes, version, &[]).unwrap();
+    write_gmsh(mesh, &mut bytes, version, fields).unwrap();
     String::from_utf8(bytes).unwrap()
 }
 
-/// Every node as three bit patterns, because `==` on floats equates -0 and 0.
-fn bits(mesh: &Mesh) -> Vec<[u64; 3]> {
-    mesh.surface().nodes().iter().map(|p| p.map(f64::to_bits)).collect()
+fn assert_round_trip(mesh: &Mesh, version: GmshVersion) {
+    let again = parse_gmsh(written(mesh, version, &[]).as_bytes(), "again").unwrap();
+    assert_eq!(&again, mesh, "{version:?}");
+    // `==` on floats equates -0 and 0
+    let bits = |mesh: &Mesh| mesh.surface().nodes().iter().map(|p| p.map(f64::to_bits)).collect();
+    let [found, wanted]: [Vec<_>; 2] = [bits(&again), bits(mesh)];
+    assert_eq!(found, wanted, "{version:?}");
 }
 
 /// `tests/files/plate_*.msh` were written by Gmsh 4.15.2: a 0.2 m x 0.1 m plate. electrode_1
@@ -35,7 +31,7 @@ fn bits(mesh: &Mesh) -> Vec<[u64; 3]> {
 /// point.
 fn plate(version: &str) -> Mesh {
     let name = format!("tests/files/plate_{version}.msh");
-    read_gmsh(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
+    read_gmsh(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
 }
 
 #[test]
@@ -62,57 +58,45 @@ fn reads_what_gmsh_writes() {
 
 #[test]
 fn reads_the_extreme_problem() {
-    let folder =
-        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/peers/problems/extreme");
-    if !folder.exists() {
-        eprintln!("skipped: ../shared/peers/problems/extreme not present");
-        return;
-    }
+    let Some(folder) = fixtures::peers_problem("extreme") else { return };
     let mesh = read_gmsh(folder.join("mesh.msh")).unwrap();
-    assert_eq!(mesh.surface().nodes().len(), 257);
-    assert_eq!(mesh.surface().triangles().len(), 448);
+    let surface = mesh.surface();
+    assert_eq!((surface.nodes().len(), surface.triangles().len()), (257, 448));
     assert_eq!(mesh.electrodes().len(), 16);
     // first node of the file, digit by digit
-    assert_eq!(mesh.surface().nodes()[0], [0.006911683841295721, 0.016432362870023167, 0.0]);
-    let sliver = read_gmsh(folder.join("mesh_sliver.msh")).unwrap();
-    for (mesh, version) in [(&mesh, VERSIONS[0]), (&sliver, VERSIONS[1])] {
-        assert_eq!(&parse_gmsh(written(mesh, version).as_bytes(), "again").unwrap(), mesh);
-    }
+    assert_eq!(surface.nodes()[0], [0.006911683841295721, 0.016432362870023167, 0.0]);
+    assert_round_trip(&mesh, VERSIONS[0]);
+    assert_round_trip(&read_gmsh(folder.join("mesh_sliver.msh")).unwrap(), VERSIONS[1]);
 }
 
 #[test]
 fn round_trip_is_exact() {
     let bare = Mesh::new(surfaces::disc(2, 0.1), vec![]).unwrap();
-    let all_patch = {
-        let surface = surfaces::rectangle(1, 1, 1.0, 1.0);
-        Mesh::new(surface, vec![Electrode::Patch(vec![0, 1])]).unwrap()
-    };
+    let square = surfaces::rectangle(1, 1, 1.0, 1.0);
+    let all_patch = Mesh::new(square, vec![Electrode::Patch(vec![0, 1])]).unwrap();
     for mesh in [bare, all_patch, surfaces::with_electrodes(surfaces::disc(4, 0.1)), plate("41")] {
         for version in VERSIONS {
-            let again = parse_gmsh(written(&mesh, version).as_bytes(), "again").unwrap();
-            assert_eq!(again, mesh, "{version:?}");
-            assert_eq!(bits(&again), bits(&mesh), "{version:?}");
+            assert_round_trip(&mesh, version);
         }
     }
 }
 
-/// Node tags of element `tag` in a file of ours.
-fn nodes_of_element(text: &str, version: GmshVersion, tag: &str) -> Vec<u32> {
+/// Node tags of each element of a file of ours, by the element's tag.
+fn elements(text: &str, version: GmshVersion) -> HashMap<u32, Vec<u32>> {
     let elements = text.split("$Elements\n").nth(1).unwrap().split("$End").next().unwrap();
-    let mut lines = elements.lines().skip(1);
-    let line = match version {
-        GmshVersion::V2_2 => lines.find(|l| l.split(' ').next() == Some(tag)).unwrap(),
-        GmshVersion::V4_1 => loop {
-            let header: Vec<usize> =
-                lines.next().unwrap().split(' ').map(|w| w.parse().unwrap()).collect();
-            let mut block = lines.by_ref().take(header[3]);
-            if let Some(line) = block.find(|l| l.split(' ').next() == Some(tag)) {
-                break line;
-            }
-        },
-    };
-    let before = if version == GmshVersion::V2_2 { 5 } else { 1 };
-    line.split(' ').skip(before).map(|w| w.parse().unwrap()).collect()
+    let lines = elements.lines().skip(1);
+    let mut lines = lines.map(|l| l.split(' ').map(|w| w.parse().unwrap()).collect::<Vec<u32>>());
+    let mut found = HashMap::new();
+    while let Some(line) = lines.next() {
+        match version {
+            GmshVersion::V2_2 => _ = found.insert(line[0], line[5..].to_vec()),
+            // the head of a block ends with its length
+            GmshVersion::V4_1 => found.extend(
+                lines.by_ref().take(line[3] as usize).map(|line| (line[0], line[1..].to_vec())),
+            ),
+        }
+    }
+    found
 }
 
 #[test]
@@ -122,58 +106,35 @@ fn element_data_follows_the_elements() {
     let values: Vec<f64> = (0..24).map(|t| 1e-5 * f64::from(t) / 3.0).collect();
     let fields = [ElementField { name: "conductivity_s", values: &values }];
     for version in VERSIONS {
-        let mut bytes = Vec::new();
-        write_gmsh(&mesh, &mut bytes, version, &fields).unwrap();
-        let text = String::from_utf8(bytes.clone()).unwrap();
+        let text = written(&mesh, version, &fields);
         let data = text.split("$ElementData\n").nth(1).unwrap();
         let rows: Vec<&str> = data.lines().skip(8).take_while(|l| !l.starts_with('$')).collect();
         // three rim edges and 24 triangles
-        assert_eq!(rows.len(), 27);
-        assert_eq!(data.lines().nth(7), Some("27"));
+        assert_eq!((rows.len(), data.lines().nth(7)), (27, Some("27")));
+        let elements = elements(&text, version);
         for row in rows {
             let (tag, value) = row.split_once(' ').unwrap();
-            let nodes = nodes_of_element(&text, version, tag);
+            let nodes = &elements[&tag.parse().unwrap()];
             let owner = triangles.iter().position(|t| nodes.iter().all(|n| t.contains(&(n - 1))));
             assert_eq!(value.parse::<f64>().unwrap(), values[owner.unwrap()]);
         }
-        assert_eq!(parse_gmsh(&bytes, "with data").unwrap(), mesh);
+        assert_eq!(parse_gmsh(text.as_bytes(), "with data").unwrap(), mesh);
     }
 }
 
 #[test]
 fn writers_refuse_what_does_not_fit() {
-    struct Full;
-    impl std::io::Write for Full {
-        fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
-            Err(std::io::Error::from(std::io::ErrorKind::StorageFull))
-        }
-        fn flush(&mut self) -> std::io::Result<()> {
-            Ok(())
-        }
-    }
     let mesh = surfaces::with_electrodes(surfaces::disc(2, 0.1));
-    let version = GmshVersion::V4_1;
-    let short = [ElementField { name: "a", values: &[0.0; 23] }];
+    let write = |name, values| {
+        write_gmsh(&mesh, &mut Vec::new(), VERSIONS[1], &[ElementField { name, values }])
+    };
     assert_eq!(
-        write_gmsh(&mesh, &mut Vec::new(), version, &short),
+        write("a", &[0.0; 23]),
         Err(MeshError::WrongLength { what: "values per triangle", found: 23, wanted: 24 })
     );
-    let quoted = [ElementField { name: "a \"b\"", values: &[0.0; 24] }];
-    assert!(matches!(
-        write_gmsh(&mesh, &mut Vec::new(), version, &quoted),
-        Err(MeshError::BadFieldName { .. })
-    ));
-    assert!(matches!(write_gmsh(&mesh, &mut Full, version, &[]), Err(MeshError::Io { .. })));
-}
-
-#[test]
-fn missing_file_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("none.msh");
-    match read_gmsh(&path) {
-        Err(MeshError::Io { path: named, .. }) => assert_eq!(named, path.display().to_string()),
-        other => panic!("{other:?}"),
-    }
+    assert!(matches!(write("a \"b\"", &[0.0; 24]), Err(MeshError::BadFieldName { .. })));
+    let full = write_gmsh(&mesh, &mut [0; 9].as_mut_slice(), VERSIONS[1], &[]);
+    assert!(matches!(full, Err(MeshError::Io { .. })), "{full:?}");
 }
 
 /// A plate of two triangles with sparse tags, an unused node, a point, a negative physical tag,
@@ -257,14 +218,12 @@ $EndElements
 #[test]
 fn reads_sparse_tags_and_split_groups() {
     let square = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-    let mesh = parse_gmsh(SMALL_22.as_bytes(), "small").unwrap();
-    assert_eq!(mesh.surface().nodes(), square);
-    assert_eq!(mesh.surface().triangles(), [[0, 1, 2], [0, 2, 3]]);
-    assert_eq!(mesh.electrodes(), [Electrode::Rim(vec![[0, 1]])]);
-    let mesh = parse_gmsh(SMALL_41.as_bytes(), "small").unwrap();
-    assert_eq!(mesh.surface().nodes(), square);
-    assert_eq!(mesh.surface().triangles(), [[0, 1, 2], [0, 2, 3]]);
-    assert_eq!(mesh.electrodes(), [Electrode::Rim(vec![[0, 1], [1, 2]])]);
+    for (text, edges) in [(SMALL_22, vec![[0, 1]]), (SMALL_41, vec![[0, 1], [1, 2]])] {
+        let mesh = parse_gmsh(text.as_bytes(), "small").unwrap();
+        assert_eq!(mesh.surface().nodes(), square);
+        assert_eq!(mesh.surface().triangles(), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(mesh.electrodes(), [Electrode::Rim(edges)]);
+    }
 }
 
 /// With `Mesh.SaveParametric`, version 2 writes an entity and parameters behind each position.
@@ -277,13 +236,8 @@ fn reads_parametric_nodes_of_version_2() {
         .replace("77 1 1 0", "77 1 1 0 1 3 0.5");
     let mesh = |text: &str| parse_gmsh(text.as_bytes(), "small").unwrap();
     assert_eq!(mesh(&text), mesh(SMALL_22));
-    refused(
-        &text,
-        "$Comments",
-        "$Nodes\n0\n$EndNodes\n$Comments",
-        16,
-        "section $Nodes appears twice",
-    );
+    let twice = "$Nodes\n0\n$EndNodes\n$Comments";
+    refused(&text, "$Comments", twice, 16, "section $Nodes appears twice");
 }
 
 /// Gmsh saves no triangle if curves are physical and the surface is not, or if nothing was meshed.
@@ -356,10 +310,7 @@ fn refuses_files_at_their_line() {
     bad_22("$EndComments", "", 27, "section $Comments of line 4 has no $EndComments");
     let elements = &SMALL_22[SMALL_22.find("$Elements").unwrap()..];
     bad_22(elements, "", 20, "the file ends without a section $Elements");
-}
 
-#[test]
-fn refuses_4_1_files_at_their_line() {
     let bad = |from: &str, to: &str, line, words: &str| refused(SMALL_41, from, to, line, words);
     bad("1 0 0 2 8 -7 2", "1 0 0 2 8 x 2", 11, "expected a physical tag, found \"x\"");
     bad("0 0 2 8 -7 2", "0 0 99999999999 8 -7 2", 11, "the line ends before a physical tag");
@@ -416,9 +367,7 @@ proptest! {
             std::array::from_fn(|k| scale * (a[k] * p[0] + b[k] * p[1] + shift[k]))
         });
         let mesh = surfaces::with_electrodes(surface);
-        let again = parse_gmsh(written(&mesh, version).as_bytes(), "again").unwrap();
-        prop_assert_eq!(bits(&again), bits(&mesh));
-        prop_assert_eq!(again, mesh);
+        assert_round_trip(&mesh, version);
     }
 
     #[test]

@@ -1,9 +1,6 @@
-//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy. One file because
-//! all tests share its surfaces.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
-// a test may stop at the first failure
+//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy.
 
-use crate::surfaces;
+use crate::surfaces::{self, area_m2};
 use eit_mesh::{CsrMatrix, MeshError, Raster, Surface};
 use ndarray::{Array2, array};
 use proptest::prelude::*;
@@ -20,10 +17,6 @@ fn warped(cells: u32) -> Surface {
         let push = 0.08 * (std::f64::consts::PI * x).sin() * (std::f64::consts::PI * y).sin();
         [x + push * (7.0 * y).cos(), y + push * (5.0 * x).sin(), z]
     })
-}
-
-fn area_m2(surface: &Surface) -> f64 {
-    surface.areas_m2().iter().sum()
 }
 
 fn apply(matrix: &CsrMatrix, x: &[f64]) -> Vec<f64> {
@@ -89,26 +82,44 @@ fn the_grid_is_centred_and_row_0_is_at_the_top() {
     assert!(image[[0, 0]].is_nan());
 }
 
+/// Overlaps add up to the skin, rows are sorted and sum to one, and the masked integral is kept.
+fn assert_areas_and_rows(surface: &Surface, raster: &Raster, field: impl Fn([f64; 2]) -> f64) {
+    let total = raster.coverage().sum() * raster.pixel_m() * raster.pixel_m();
+    // some thousand pieces with rounding 1e-16 of a pixel each, corners known to 64 ulp
+    assert!((total / area_m2(surface) - 1.0).abs() < 1e-12, "{total}");
+    for (&c, &masked) in raster.coverage().iter().zip(raster.mask()) {
+        assert!((0.0..=1.0 + 1e-12).contains(&c));
+        assert_eq!(masked, c >= 0.5 - 1e-9);
+    }
+    for matrix in [raster.pixel_from_element(), raster.element_from_pixel()] {
+        for row in 0..matrix.rows() {
+            let (columns, weights) = matrix.row(row);
+            assert!(columns.is_sorted_by(|a, b| a < b));
+            assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
+            let sum: f64 = weights.iter().sum();
+            // half an ulp for each addition of a running sum, and one for the weights
+            let rounding = (weights.len() as f64 + 2.0) * 0.5 * f64::EPSILON;
+            assert!((sum - 1.0).abs() <= rounding, "{sum}");
+        }
+    }
+    let elements = samples(surface, field);
+    let image = apply(raster.pixel_from_element(), &elements);
+    let below = dot(raster.masked_areas_m2(), &elements);
+    assert!((dot(raster.covered_areas_m2(), &image) / below - 1.0).abs() < 1e-12);
+}
+
 #[test]
 fn overlaps_add_up_to_the_skin() {
-    let cases = [
+    for (surface, pixels) in [
         (surfaces::disc(20, 0.1), 64),
         (turned(&surfaces::disc(3, 1e-6), 0.3), 64),
         (turned(&surfaces::rectangle(7, 5, 2.0, 1.0), 0.5), 33),
         (warped(40), 17),
         (surfaces::disc(2, 1e4), 1),
         (surfaces::disc(2, 1.0), 257),
-    ];
-    for (surface, pixels) in cases {
+    ] {
         let raster = Raster::new(&surface, pixels).unwrap();
-        let total = raster.coverage().sum() * raster.pixel_m() * raster.pixel_m();
-        let wanted = area_m2(&surface);
-        // some thousand pieces with rounding 1e-16 of a pixel each, corners known to 64 ulp
-        assert!((total / wanted - 1.0).abs() < 1e-12, "{pixels}: {}", total / wanted - 1.0);
-        for (&c, &masked) in raster.coverage().iter().zip(raster.mask()) {
-            assert!((0.0..=1.0 + 1e-12).contains(&c));
-            assert_eq!(masked, c >= 0.5 - 1e-9);
-        }
+        assert_areas_and_rows(&surface, &raster, |[x, y]| 2.0 + x.sin() * y.cos());
     }
 }
 
@@ -133,11 +144,6 @@ fn constants_stay_constant() {
                 let worst = found.iter().map(|v| (v / value - 1.0).abs()).fold(0.0, f64::max);
                 // four running sums of up to 90 products: a few ulp
                 assert!(worst <= 1e-15, "{pixels}: {worst:e}");
-            }
-            for row in 0..matrix.rows() {
-                let (columns, weights) = matrix.row(row);
-                assert!(columns.is_sorted_by(|a, b| a < b));
-                assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)));
             }
         }
     }
@@ -171,7 +177,6 @@ fn the_masked_integral_is_kept() {
     // all pixels of a rectangle that fills the grid are masked: the whole integral is kept
     let surface = warped(13);
     let raster = Raster::new(&surface, 10).unwrap();
-    assert!(raster.mask().iter().all(|&m| m));
     let elements = samples(&surface, |[x, y]| 2.0 + x * y);
     let pixels = apply(raster.pixel_from_element(), &elements);
     let whole = dot(surface.areas_m2(), &elements);
@@ -199,25 +204,20 @@ fn linear_functions_converge_at_the_stated_order() {
     let gradient = 13.0_f64.sqrt();
     // longest edge of the warped grid: the diagonal, stretched by the push's slope (below 1.6)
     let longest = |cells: u32| 1.6 * std::f64::consts::SQRT_2 / f64::from(cells);
-    // coarse triangles: error below |gradient| h
-    for cells in [4, 8, 16] {
-        let (down, _) = linear_errors(cells, 64);
+    // coarse triangles, or pixels: error below |gradient| h
+    for (cells, pixels) in [(4, 8), (8, 16), (16, 32)] {
+        let (down, up) = (linear_errors(cells, 64).0, linear_errors(64, pixels).1);
         assert!(down <= gradient * longest(cells), "{cells}: {down}");
-    }
-    // triangles far smaller than pixels: second order in h
-    let errors: Vec<f64> = [40, 80, 160].iter().map(|&cells| linear_errors(cells, 8).0).collect();
-    let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
-    // cut triangles differ between meshes, so the order scatters around 2 or above
-    assert!(orders.iter().all(|o| *o > 1.7), "{errors:?} {orders:?}");
-    // the opposite direction, with the sizes exchanged
-    for pixels in [8, 16, 32] {
-        let (_, up) = linear_errors(64, pixels);
         assert!(up <= gradient * std::f64::consts::SQRT_2 / pixels as f64, "{pixels}: {up}");
     }
-    let errors: Vec<f64> =
-        [64, 128, 256].iter().map(|&pixels| linear_errors(8, pixels).1).collect();
-    let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
-    assert!(orders.iter().all(|o| *o > 1.7), "{errors:?} {orders:?}");
+    // triangles far smaller than pixels, or the opposite: second order in h
+    let down = [40, 80, 160].map(|cells| linear_errors(cells, 8).0);
+    let up = [64, 128, 256].map(|pixels| linear_errors(8, pixels).1);
+    for errors in [down, up] {
+        let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
+        // cut triangles differ between meshes, so the order scatters around 2 or above
+        assert!(orders.iter().all(|o| *o > 1.7), "{errors:?} {orders:?}");
+    }
 }
 
 #[test]
@@ -278,21 +278,24 @@ fn images_and_batches() {
 fn wrong_lengths_are_refused() {
     let raster = Raster::new(&surfaces::disc(3, 0.1), 8).unwrap();
     let masked = raster.masked_pixels().len();
-    let wrong = |result: Result<(), MeshError>| {
-        assert!(matches!(result, Err(MeshError::WrongLength { .. })), "{result:?}");
-    };
     let matrix = raster.pixel_from_element();
     let mut pixels = vec![0.0; masked];
-    wrong(matrix.apply(&[0.0; 53], &mut pixels));
-    wrong(matrix.apply(&[0.0; 54], &mut pixels[1..]));
-    wrong(matrix.multiply_dense(Array2::zeros((53, 2)).view()).map(drop));
-    wrong(matrix.premultiply_dense(Array2::zeros((2, masked + 1)).view()).map(drop));
-    wrong(raster.image_from_pixels(&pixels[1..]).map(drop));
-    wrong(raster.image_from_pixels_into(&pixels, Array2::zeros((8, 9)).view_mut()));
-    wrong(raster.image_from_pixels_into(&pixels, Array2::zeros((9, 8)).view_mut()));
-    wrong(raster.images_from_pixels(Array2::zeros((2, masked + 1)).view()).map(drop));
-    wrong(raster.pixels_from_image_into(Array2::zeros((8, 9)).view(), &mut pixels));
-    wrong(raster.image_from_elements(&[0.0; 3]).map(drop));
+    let zeros = |rows, columns| Array2::<f64>::zeros((rows, columns));
+    let calls = [
+        matrix.apply(&[0.0; 53], &mut pixels),
+        matrix.apply(&[0.0; 54], &mut pixels[1..]),
+        matrix.multiply_dense(zeros(53, 2).view()).map(drop),
+        matrix.premultiply_dense(zeros(2, masked + 1).view()).map(drop),
+        raster.image_from_pixels(&pixels[1..]).map(drop),
+        raster.image_from_pixels_into(&pixels, zeros(8, 9).view_mut()),
+        raster.image_from_pixels_into(&pixels, zeros(9, 8).view_mut()),
+        raster.images_from_pixels(zeros(2, masked + 1).view()).map(drop),
+        raster.pixels_from_image_into(zeros(8, 9).view(), &mut pixels),
+        raster.image_from_elements(&[0.0; 3]).map(drop),
+    ];
+    for (call, refused) in calls.into_iter().enumerate() {
+        assert!(matches!(refused, Err(MeshError::WrongLength { .. })), "{call}: {refused:?}");
+    }
 }
 
 #[test]
@@ -324,33 +327,28 @@ fn products_agree() {
 #[test]
 fn surfaces_without_a_picture_are_refused() {
     let flat = surfaces::rectangle(8, 8, 1.0, 1.0);
-    let refused = |surface: &Surface| Raster::new(surface, 16).unwrap_err();
     // edge-on
     let upright = surfaces::moved(&flat, |[x, y, _]| [x, 0.0, y]);
-    assert!(matches!(refused(&upright), MeshError::UprightSurface { .. }));
+    assert_error!(Raster::new(&upright, 16), MeshError::UprightSurface { .. });
     // folded at x = 0.5 like a tent lying on its side
     let folded = surfaces::moved(&flat, |[x, y, _]| [0.7 * x.min(1.05 - x), y, x]);
-    assert!(matches!(refused(&folded), MeshError::FoldedSurface { .. }));
+    assert_error!(Raster::new(&folded, 16), MeshError::FoldedSurface { .. });
     // a ramp of one and a half turns: every triangle faces up, but half of the ring is covered
     // twice
     let ramp = surfaces::moved(&surfaces::rectangle(60, 4, 1.0, 1.0), |[x, y, _]| {
         let angle = 3.0 * std::f64::consts::PI * x;
-        [(2.0 - y) * angle.cos(), (2.0 - y) * angle.sin(), x]
+        [(2.0 - y) * angle.sin(), (2.0 - y) * angle.cos(), -x]
     });
-    let ramp = surfaces::moved(&ramp, |[x, y, z]| [y, x, -z]);
-    assert!(matches!(refused(&ramp), MeshError::OverlappingSheets { .. }), "{:?}", refused(&ramp));
+    assert_error!(Raster::new(&ramp, 16), MeshError::OverlappingSheets { .. });
     for pixels in [0, 4097, usize::MAX] {
-        assert!(matches!(Raster::new(&flat, pixels), Err(MeshError::OutOfRange { .. })));
+        assert_error!(Raster::new(&flat, pixels), MeshError::OutOfRange { .. });
     }
-    // a strip of 1 m x 1 mm has no half covered pixel of 1/16 m
+    // a strip of 1 m x 1 mm: one pixel of 1/16 m holds 1 mm, cut by no row or by the middle one in two
     let strip = surfaces::rectangle(4, 1, 1.0, 1e-3);
-    match refused(&strip) {
-        MeshError::NoMaskedPixel { pixels: 16, largest } => {
-            // one pixel of 1/16 m holds 1 mm, cut by no row or by the middle one in two
-            assert!((largest - 0.008).abs() < 1e-12, "{largest}");
-        }
-        other => panic!("{other:?}"),
-    }
+    assert_error!(
+        Raster::new(&strip, 16),
+        MeshError::NoMaskedPixel { pixels: 16, largest } if (largest - 0.008).abs() < 1e-12
+    );
 }
 
 #[test]
@@ -393,21 +391,8 @@ proptest! {
             }
             Err(other) => return Err(TestCaseError::fail(other.to_string())),
         };
-        let total = raster.coverage().sum() * raster.pixel_m() * raster.pixel_m();
-        prop_assert!((total / area_m2(&surface) - 1.0).abs() < 1e-12);
-        for matrix in [raster.pixel_from_element(), raster.element_from_pixel()] {
-            for row in 0..matrix.rows() {
-                let weights = matrix.row(row).1;
-                let sum: f64 = weights.iter().sum();
-                // half an ulp for each addition of a running sum, and one for the weights
-                let rounding = (weights.len() as f64 + 2.0) * 0.5 * f64::EPSILON;
-                prop_assert!((sum - 1.0).abs() <= rounding, "{sum}");
-            }
-        }
-        let elements = samples(&surface, |[x, y]| 1.0 + (x / scale).sin() * (y / scale).cos());
-        let image = apply(raster.pixel_from_element(), &elements);
-        let below = dot(raster.masked_areas_m2(), &elements);
-        let kept = dot(raster.covered_areas_m2(), &image);
-        prop_assert!((kept / below - 1.0).abs() < 1e-12);
+        assert_areas_and_rows(&surface, &raster, |[x, y]| {
+            1.0 + (x / scale).sin() * (y / scale).cos()
+        });
     }
 }

@@ -1,5 +1,4 @@
 //! Patches joined into a body: by messages with times that the test sets, and over zenoh.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 use crate::common::{endpoint, frame, touch};
 use eit_publish::body::{Body, BodyNews, BodySettings, BodyState, Origin, Placement};
@@ -37,16 +36,15 @@ fn near(a: [f64; 3], b: [f64; 3]) -> bool {
 struct Bench {
     state: BodyState,
     start: Instant,
+    /// State of the skin in the next messages.
+    skin: SkinState,
 }
 
 impl Bench {
     fn new() -> Self {
-        Self::of(FILE)
-    }
-
-    fn of(file: &str) -> Self {
         let start = Instant::now();
-        Self { state: BodyState::new(&BodySettings::parse(file).unwrap(), start), start }
+        let state = BodyState::new(&BodySettings::parse(FILE).unwrap(), start);
+        Self { state, start, skin: SkinState::Sound }
     }
 
     fn at(&self, seconds: f64) -> Instant {
@@ -62,18 +60,6 @@ impl Bench {
         seconds: f64,
         touches: &[(u64, u8)],
     ) -> Option<BodyNews> {
-        self.hear_state(patch, publisher, sequence, seconds, 0, touches)
-    }
-
-    fn hear_state(
-        &mut self,
-        patch: usize,
-        publisher: u8,
-        sequence: i64,
-        seconds: f64,
-        state: u8,
-        touches: &[(u64, u8)],
-    ) -> Option<BodyNews> {
         let touch = |&(id, state): &(u64, u8)| TouchMessage {
             id,
             state,
@@ -82,21 +68,16 @@ impl Bench {
             position_covariance: [4.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 9.0],
             ..Default::default()
         };
+        let stamp = Time::from_seconds(1e9 + seconds - 0.01);
         let message = TouchArray {
-            header: Header {
-                stamp: Time::from_seconds(1e9 + seconds - 0.01),
-                ..Default::default()
-            },
-            state,
+            header: Header { stamp, ..Default::default() },
+            state: skin_state::number(self.skin),
             touches: touches.iter().map(touch).collect(),
             ..Default::default()
         };
         let time_ns = ((1e9 + seconds) * 1e9) as i64;
-        let origin = Origin {
-            attachment: Attachment { sequence, time_ns, gid: [publisher; 16] },
-            arrived: self.at(seconds),
-            arrived_s: 1e9 + seconds,
-        };
+        let attachment = Attachment { sequence, time_ns, gid: [publisher; 16] };
+        let origin = Origin { attachment, arrived: self.at(seconds), arrived_s: 1e9 + seconds };
         let mut news = Vec::new();
         self.state.receive(patch, &message, &origin, &mut news);
         assert!(news.len() < 2, "{news:?}");
@@ -132,11 +113,8 @@ fn touches_are_placed_on_the_robot() {
     assert!(near(right.touch.position.into(), [0.1, -2.0, 0.5]), "{right:?}");
     assert!((left.time_s - (1e9 + 0.09)).abs() < 1e-6, "{}", left.time_s - 1e9);
     let message = bench.state.message(&list, bench.at(0.2));
-    assert_eq!(message.header.frame_id, "torso");
-    assert_eq!(
-        (message.touches[0].patch.as_str(), message.patches[1].name.as_str()),
-        ("left", "right")
-    );
+    let names = (&*message.touches[0].patch, &*message.patches[1].name);
+    assert_eq!((&*message.header.frame_id, names), ("torso", ("left", "right")));
 }
 
 /// Angles as in URDF: a quarter about x, then one about z, takes x to y, y to z and z to x.
@@ -144,20 +122,15 @@ fn touches_are_placed_on_the_robot() {
 fn angles_are_those_of_urdf() {
     let quarter = std::f64::consts::FRAC_PI_2;
     let placement = Placement::from_angles([0.0; 3], [quarter, 0.0, quarter]);
-    let place = |position: [f64; 3]| -> [f64; 3] {
-        placement
-            .place(&TouchMessage { position: position.into(), ..Default::default() })
-            .position
-            .into()
+    let place = |placement: &Placement, position: [f64; 3]| -> [f64; 3] {
+        let touch = TouchMessage { position: position.into(), ..Default::default() };
+        placement.place(&touch).position.into()
     };
-    assert!(near(place([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
-    assert!(near(place([0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
-    assert!(near(place([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]));
+    assert!(near(place(&placement, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]));
+    assert!(near(place(&placement, [0.0, 1.0, 0.0]), [0.0, 0.0, 1.0]));
+    assert!(near(place(&placement, [0.0, 0.0, 1.0]), [1.0, 0.0, 0.0]));
     let pitch = Placement::from_angles([0.0; 3], [0.0, 0.3, 0.0]);
-    let turned: [f64; 3] = pitch
-        .place(&TouchMessage { position: [1.0, 0.0, 0.0].into(), ..Default::default() })
-        .position
-        .into();
+    let turned = place(&pitch, [1.0, 0.0, 0.0]);
     assert!(near(turned, [0.3_f64.cos(), 0.0, -(0.3_f64.sin())]), "{turned:?}");
     let half = Placement::new([0.0; 3], [0.0, 0.0, 2.0, 0.0]);
     assert_eq!(half.pose().orientation.z, 1.0, "of length 1");
@@ -189,7 +162,8 @@ fn silence_is_named_and_so_is_its_end() {
     assert_eq!((states[0].silent, states[1].silent), (false, true));
     assert!((states[0].age - 0.1).abs() < 1e-6 && states[1].age.is_nan());
     // by default within half a second, looked for every 20 ms
-    let mut bench = Bench::of(&FILE.replace("silent_after_s = 0.4", ""));
+    let default = BodySettings::parse(&FILE.replace("silent_after_s = 0.4", "")).unwrap();
+    bench.state = BodyState::new(&default, bench.start);
     bench.hear(0, 1, 1, 0.1, &[]);
     let news = bench.silences(0.1 + 0.48);
     assert!(news.iter().any(|news| matches!(news, BodyNews::Silent { patch: 0, .. })), "{news:?}");
@@ -232,12 +206,14 @@ fn two_publishers_are_named() {
 #[test]
 fn the_state_of_a_patch_is_told() {
     let mut bench = Bench::new();
-    let frozen = skin_state::number(SkinState::Frozen);
     assert_eq!(bench.hear(0, 1, 1, 0.1, &[]), None);
-    let news = bench.hear_state(0, 1, 2, 0.11, frozen, &[]);
+    bench.skin = SkinState::Frozen;
+    let news = bench.hear(0, 1, 2, 0.11, &[]);
     assert_eq!(news, Some(BodyNews::State { patch: 0, state: SkinState::Frozen }));
-    assert_eq!(bench.hear_state(0, 1, 3, 0.12, frozen, &[]), None);
-    assert_eq!(bench.state.states(bench.at(0.12))[0].state, frozen);
+    assert_eq!(bench.hear(0, 1, 3, 0.12, &[]), None);
+    let state = bench.state.states(bench.at(0.12))[0].state;
+    assert_eq!(state, skin_state::number(SkinState::Frozen));
+    bench.skin = SkinState::Sound;
     let news = bench.hear(0, 1, 4, 0.13, &[]);
     assert_eq!(news, Some(BodyNews::State { patch: 0, state: SkinState::Sound }));
 }
@@ -263,10 +239,7 @@ fn every_end_is_listed_once() {
 #[test]
 fn files_that_cannot_be_are_refused() {
     let settings = BodySettings::parse(FILE).unwrap();
-    assert_eq!(
-        (settings.patches[0].topic.as_str(), settings.frame_id.as_str()),
-        ("skin/left", "torso")
-    );
+    assert_eq!((&*settings.patches[0].topic, &*settings.frame_id), ("skin/left", "torso"));
     let patch = |keys: &str| format!("[[patch]]\nname = \"a\"\ntopic = \"skin/a\"\n{keys}");
     for (text, wanted) in [
         (String::new(), "patch"),
@@ -291,20 +264,31 @@ fn files_that_cannot_be_are_refused() {
     assert!(error.is_input() && error.to_string().starts_with("never.toml: "), "{error}");
 }
 
+/// A body that listens, and its address.
+fn listening(file: &str) -> (Body, BodySettings, String) {
+    let mut settings = BodySettings::parse(file).unwrap();
+    let address = endpoint();
+    settings.session.listen = vec![address.clone()];
+    (Body::open(&settings).unwrap(), settings, address)
+}
+
 fn patch(topic: &str, address: &str) -> Publisher {
     let mut settings = ZenohSettings::new(topic);
     settings.session = SessionSettings { connect: vec![address.to_owned()], ..Default::default() };
     Publisher::new().with_zenoh(ZenohSink::new(&settings).unwrap())
 }
 
-/// Waits for news that are wanted; the others are passed over.
-fn wait(body: &mut Body, wanted: impl Fn(&BodyNews) -> bool) -> BodyNews {
+/// Waits for news that are wanted; the others are passed over, and between them something is done.
+fn wait<T>(
+    body: &mut Body,
+    mut between: impl FnMut(),
+    mut wanted: impl FnMut(BodyNews) -> Option<T>,
+) -> T {
     let begun = Instant::now();
     loop {
-        if let Some(news) = body.next(Duration::from_millis(100))
-            && wanted(&news)
-        {
-            return news;
+        between();
+        if let Some(found) = body.next(Duration::from_millis(10)).and_then(&mut wanted) {
+            return found;
         }
         assert!(begun.elapsed() < LIMIT, "no such news");
     }
@@ -313,23 +297,21 @@ fn wait(body: &mut Body, wanted: impl Fn(&BodyNews) -> bool) -> BodyNews {
 /// Two patches over zenoh: their touches in one list, a patch that ends named, and what a node of ROS 2 hears of it.
 #[test]
 fn two_patches_by_zenoh() {
-    let address = endpoint();
-    let mut settings = BodySettings::parse(&FILE.replace("silent_after_s = 0.4", "")).unwrap();
-    settings.session.listen = vec![address.clone()];
-    let mut body = Body::open(&settings).unwrap();
+    let (mut body, _, address) = listening(&FILE.replace("silent_after_s = 0.4", ""));
     let (sender, heard) = std::sync::mpsc::channel();
     let node = SessionSettings { connect: vec![address.clone()], ..Default::default() };
     let node = node.open().unwrap();
-    let _all = node
-        .declare_subscriber("0/**")
-        .callback(move |sample| {
-            let _ =
-                sender.send((sample.key_expr().to_string(), sample.payload().to_bytes().to_vec()));
-        })
-        .wait()
-        .unwrap();
-    let never = wait(&mut body, |news| matches!(news, BodyNews::Silent { .. }));
-    assert!(matches!(never, BodyNews::Silent { was_heard: false, .. }));
+    let keep = move |sample: zenoh::sample::Sample| {
+        let _ = sender.send((sample.key_expr().to_string(), sample.payload().to_bytes().to_vec()));
+    };
+    let _all = node.declare_subscriber("0/**").callback(keep).wait().unwrap();
+    let silent = |patch: usize| {
+        move |news: BodyNews| match news {
+            BodyNews::Silent { patch: found, was_heard, .. } if found == patch => Some(was_heard),
+            _ => None,
+        }
+    };
+    assert!(!wait(&mut body, || (), silent(0)), "never heard");
 
     let (over, is_over) = std::sync::mpsc::channel::<()>();
     let place = address.clone();
@@ -343,19 +325,14 @@ fn two_patches_by_zenoh() {
         }
     });
     let mut left = patch("skin/left", &address);
-    let begun = Instant::now();
-    let list = loop {
-        left.touches(&frame(1, &[Touch { id: 3, ..touch() }], &[])).unwrap();
-        if let Some(BodyNews::Touches(list)) = body.next(Duration::from_millis(10))
-            && list.touches.len() == 2
-        {
-            break list;
-        }
-        assert!(begun.elapsed() < LIMIT, "no two touches");
-    };
+    let speak = || left.touches(&frame(1, &[Touch { id: 3, ..touch() }], &[])).unwrap();
+    let list = wait(&mut body, speak, |news| match news {
+        BodyNews::Touches(list) => Some(list).filter(|list| list.touches.len() == 2),
+        _ => None,
+    });
     let [a, b] = [0, 1].map(|patch| {
-        let position = list.touches[patch].touch.position;
-        (list.touches[patch].touch.id, <[f64; 3]>::from(position))
+        let touch = &list.touches[patch].touch;
+        (touch.id, <[f64; 3]>::from(touch.position))
     });
     assert!(a.0 == 3 && near(a.1, [1.01, 0.03, 0.0]), "{a:?}");
     assert!(b.0 == 7 && near(b.1, [0.03, -2.01, 0.5]), "{b:?}");
@@ -363,18 +340,12 @@ fn two_patches_by_zenoh() {
     assert!((list.time_s - list.touches[0].time_s).abs() < 1.0);
 
     over.send(()).unwrap();
-    wait(&mut body, |news| matches!(news, BodyNews::Silent { patch: 1, was_heard: true, .. }));
+    assert!(wait(&mut body, || (), silent(1)), "it was heard");
     assert_eq!(body.name(1), "right");
     right.join().unwrap();
     let mut right = patch("skin/right", &address);
-    let begun = Instant::now();
-    loop {
-        right.touches(&frame(1, &[], &[])).unwrap();
-        match body.next(Duration::from_millis(20)) {
-            Some(BodyNews::Back { patch: 1, .. }) => break,
-            _ => assert!(begun.elapsed() < LIMIT, "it is not heard again"),
-        }
-    }
+    let speak = || right.touches(&frame(1, &[], &[])).unwrap();
+    wait(&mut body, speak, |news| matches!(news, BodyNews::Back { patch: 1, .. }).then_some(()));
     let states = body.patches();
     assert!(states.iter().all(|state| state.lost == 0 && state.received > 0), "{states:?}");
     assert_eq!(body.dropped(), [0, 0]);
@@ -386,27 +357,25 @@ fn two_patches_by_zenoh() {
     while lists == 0 || poses == 0 || frames == 0 || markers == 0 {
         let all = [lists, poses, frames, markers];
         assert!(begun.elapsed() < LIMIT, "lists with two touches, poses, frames, markers: {all:?}");
-        body.next(Duration::from_millis(20));
-        let Ok((key, payload)) = heard.try_recv() else { continue };
-        if key.starts_with("0/body/touches/eit_skin_msgs::msg::dds_::BodyTouchArray_/RIHS01_") {
-            let list: BodyTouchArray = from_cdr(&payload).unwrap();
-            assert_eq!((list.header.frame_id.as_str(), list.patches.len()), ("torso", 2));
-            lists += usize::from(list.touches.len() == 2);
-        } else if key.starts_with("0/skin/left/pose/") {
-            let pose: PoseStamped = from_cdr(&payload).unwrap();
-            assert_eq!((pose.header.frame_id.as_str(), pose.pose.position.x), ("torso", 1.0));
-            poses += 1;
-        } else if key.starts_with("0/tf_static/") {
-            let tf: TfMessage = from_cdr(&payload).unwrap();
-            let arm = &tf.transforms[0];
-            assert_eq!(
-                (arm.header.frame_id.as_str(), arm.child_frame_id.as_str()),
-                ("torso", "left")
-            );
-            assert_eq!(<[f64; 3]>::from(arm.translation), [1.0, 0.0, 0.0]);
-            frames += 1;
-        } else if key.starts_with("0/body/markers/") {
-            markers += from_cdr::<MarkerArray>(&payload).unwrap().markers.len();
+        // whoever waits without a limit gets the next list, however long that limit is
+        assert!(body.next(Duration::MAX).is_some());
+        for (key, payload) in heard.try_iter() {
+            if key.starts_with("0/body/touches/eit_skin_msgs::msg::dds_::BodyTouchArray_/RIHS01_") {
+                let list: BodyTouchArray = from_cdr(&payload).unwrap();
+                assert_eq!((&*list.header.frame_id, list.patches.len()), ("torso", 2));
+                lists += usize::from(list.touches.len() == 2);
+            } else if key.starts_with("0/skin/left/pose/") {
+                let pose: PoseStamped = from_cdr(&payload).unwrap();
+                assert_eq!((&*pose.header.frame_id, pose.pose.position.x), ("torso", 1.0));
+                poses += 1;
+            } else if key.starts_with("0/tf_static/") {
+                let arm = &from_cdr::<TfMessage>(&payload).unwrap().transforms[0];
+                assert_eq!((&*arm.header.frame_id, &*arm.child_frame_id), ("torso", "left"));
+                assert_eq!(<[f64; 3]>::from(arm.translation), [1.0, 0.0, 0.0]);
+                frames += 1;
+            } else if key.starts_with("0/body/markers/") {
+                markers += from_cdr::<MarkerArray>(&payload).unwrap().markers.len();
+            }
         }
     }
 }
@@ -415,15 +384,10 @@ fn two_patches_by_zenoh() {
 #[cfg(feature = "foxglove")]
 #[test]
 fn foxglove_is_shown_a_body() {
-    use crate::foxglove_sink::Client;
-    use eit_publish::FoxgloveBody;
-    use foxglove::Decode as _;
+    use crate::foxglove_sink::{Client, decoded};
     use foxglove::messages::{FrameTransforms, Log, SceneUpdate};
-    let address = endpoint();
-    let mut settings = BodySettings::parse(FILE).unwrap();
-    settings.session.listen = vec![address.clone()];
-    let mut body = Body::open(&settings).unwrap();
-    let mut shown = FoxgloveBody::new("127.0.0.1:0", &settings).unwrap();
+    let (mut body, settings, address) = listening(FILE);
+    let mut shown = eit_publish::FoxgloveBody::new("127.0.0.1:0", &settings).unwrap();
     let mut client = Client::new(shown.address());
     client.subscribe(&["/body/scene", "/tf", "/body/log"]);
     let (over, is_over) = std::sync::mpsc::channel::<()>();
@@ -443,56 +407,43 @@ fn foxglove_is_shown_a_body() {
         let (subscription, payload) = client.message();
         match subscription {
             0 => {
-                let scene = SceneUpdate::decode(payload.as_slice()).unwrap();
+                let scene: SceneUpdate = decoded(&payload);
                 let sphere = scene.entities[0].spheres.first();
                 let at = sphere.map(|sphere| sphere.pose.unwrap().position.unwrap());
                 touched +=
-                    at.iter().filter(|at| near([at.x, at.y, at.z], [1.01, 0.03, 0.0])).count();
+                    usize::from(at.is_some_and(|p| near([p.x, p.y, p.z], [1.01, 0.03, 0.0])));
             }
             1 => {
-                let found = FrameTransforms::decode(payload.as_slice()).unwrap();
+                let found: FrameTransforms = decoded(&payload);
                 assert_eq!(found.transforms[1].child_frame_id, "right");
                 frames += 1;
             }
-            _ => said += &format!("{}; ", Log::decode(payload.as_slice()).unwrap().message),
+            _ => said += &format!("{}; ", decoded::<Log>(&payload).message),
         }
     }
     over.send(()).unwrap();
     speaking.join().unwrap();
 }
 
-/// Whoever waits without a limit gets the next list, however long that limit is.
-#[test]
-fn a_body_is_waited_for_without_a_limit() {
-    let mut settings = BodySettings::parse(FILE).unwrap();
-    settings.session.listen = vec![endpoint()];
-    let mut body = Body::open(&settings).unwrap();
-    for _ in 0..3 {
-        assert!(body.next(Duration::MAX).is_some());
-    }
-}
-
 /// A patch of another version is named, not taken for a silent one alone.
 #[test]
 fn messages_that_cannot_be_read_are_named() {
-    let address = endpoint();
-    let mut settings = BodySettings::parse(FILE).unwrap();
-    settings.session.listen = vec![address.clone()];
-    let mut body = Body::open(&settings).unwrap();
+    let (mut body, _, address) = listening(FILE);
     let other = SessionSettings { connect: vec![address], ..Default::default() }.open().unwrap();
-    let begun = Instant::now();
-    let type_name = "eit_skin_msgs::msg::dds_::TouchArray_";
-    let reason = loop {
-        other.put(format!("0/skin/left/touches/{type_name}/RIHS01_0"), vec![1, 2]).wait().unwrap();
-        let hash = eit_publish::ros::type_hash("eit_skin_msgs/msg/TouchArray").unwrap();
-        other.put(format!("0/skin/right/touches/{type_name}/{hash}"), vec![1, 2]).wait().unwrap();
-        match body.next(Duration::from_millis(20)) {
-            Some(BodyNews::Unreadable { patch: 0, reason }) => break reason,
-            Some(BodyNews::Unreadable { patch, reason }) => {
-                assert!(patch == 1 && reason.contains("attachment"), "{reason}");
-            }
-            _ => assert!(begun.elapsed() < LIMIT, "nothing is said"),
+    let hash = eit_publish::ros::type_hash("eit_skin_msgs/msg/TouchArray").unwrap();
+    let speak = || {
+        for (patch, hash) in [("left", "RIHS01_0"), ("right", hash.as_str())] {
+            let name = "eit_skin_msgs::msg::dds_::TouchArray_";
+            other.put(format!("0/skin/{patch}/touches/{name}/{hash}"), vec![1, 2]).wait().unwrap();
         }
     };
+    let reason = wait(&mut body, speak, |news| match news {
+        BodyNews::Unreadable { patch: 0, reason } => Some(reason),
+        BodyNews::Unreadable { patch, reason } => {
+            assert!(patch == 1 && reason.contains("attachment"), "{reason}");
+            None
+        }
+        _ => None,
+    });
     assert!(reason.contains("RIHS01_0"), "{reason}");
 }

@@ -1,8 +1,7 @@
 //! A skin for Foxglove, as a client of its WebSocket protocol and a reader of its recordings get it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{FAULTS, frame, start, touch};
-use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher, SkinShape};
+use crate::common::{FAULTS, frame, shape, start, touch};
+use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
 use eit_skin::{LearntTouch, SkinState, Touch, TouchFrame, TouchState};
@@ -16,31 +15,20 @@ use std::time::{Duration, Instant};
 
 const LIMIT: Duration = Duration::from_secs(20);
 
-fn shape() -> SkinShape {
-    SkinShape {
-        name: "arm".into(),
-        outlines_m: vec![vec![[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.0, 0.1]]],
-        electrodes_m: (0..8)
-            .map(|n| vec![[0.02 * f64::from(n), 0.0], [0.02 * f64::from(n) + 0.01, 0.0]])
-            .collect(),
-        extent_m: [0.0, 0.2, 0.0, 0.1],
-    }
+pub(crate) fn decoded<T: Decode>(bytes: &[u8]) -> T {
+    T::decode(bytes).unwrap_or_else(|_| panic!("a message"))
 }
 
-/// Everything that a recording holds, by topic, with the schema of each.
-fn recorded(path: &std::path::Path) -> BTreeMap<String, (String, Vec<Vec<u8>>)> {
+/// Everything that a recording holds, by topic and schema.
+fn recorded(path: &std::path::Path) -> BTreeMap<(String, String), Vec<Vec<u8>>> {
     let bytes = std::fs::read(path).unwrap();
-    let mut topics = BTreeMap::new();
-    for message in mcap::MessageStream::new(&bytes).unwrap() {
-        let message = message.unwrap();
+    let mut topics = BTreeMap::<_, Vec<_>>::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
         let schema = message.channel.schema.as_ref().unwrap();
-        assert_eq!(
-            (schema.encoding.as_str(), message.channel.message_encoding.as_str()),
-            ("protobuf", "protobuf")
-        );
-        let entry = topics.entry(message.channel.topic.clone());
-        let (_, messages) = entry.or_insert_with(|| (schema.name.clone(), Vec::new()));
-        messages.push(message.data.into_owned());
+        let encodings = (&*schema.encoding, &*message.channel.message_encoding);
+        assert_eq!(encodings, ("protobuf", "protobuf"));
+        let key = (message.channel.topic.clone(), schema.name.clone());
+        topics.entry(key).or_default().push(message.data.into_owned());
     }
     topics
 }
@@ -78,19 +66,15 @@ fn a_recording_holds_scene_image_and_log() {
     assert!(matches!(error, PublishError::Foxglove { .. }) && error.is_input(), "{error}");
 
     let topics = recorded(&path);
-    let names: Vec<(&str, &str)> =
-        topics.iter().map(|(topic, (schema, _))| (topic.as_str(), schema.as_str())).collect();
+    let names: Vec<(&str, &str)> = topics.keys().map(|(topic, of)| (&**topic, &**of)).collect();
     let wanted = [
         ("/arm/image", "foxglove.Grid"),
         ("/arm/log", "foxglove.Log"),
         ("/arm/scene", "foxglove.SceneUpdate"),
     ];
     assert_eq!(names, wanted);
-    let scene: Vec<SceneUpdate> = topics["/arm/scene"]
-        .1
-        .iter()
-        .map(|bytes| SceneUpdate::decode(&bytes[..]).unwrap())
-        .collect();
+    let [images, logs, scene] = topics.values().collect::<Vec<_>>()[..] else { panic!() };
+    let scene: Vec<SceneUpdate> = scene.iter().map(|bytes| decoded(bytes)).collect();
     let outline = &scene[0].entities[0];
     assert_eq!((outline.id.as_str(), outline.frame_id.as_str()), ("skin", "left_arm"));
     assert_eq!((outline.lines.len(), outline.lines[0].points.len()), (9, 4));
@@ -108,7 +92,7 @@ fn a_recording_holds_scene_image_and_log() {
     assert_eq!((arrow.w, arrow.z), (1.0, 0.0));
     assert!((shown.arrows[0].shaft_length - 0.01).abs() < 1e-12);
 
-    let grid = Grid::decode(&topics["/arm/image"].1[0][..]).unwrap();
+    let grid: Grid = decoded(&images[0]);
     assert_eq!((grid.column_count, grid.row_stride, grid.cell_stride), (2, 16, 8));
     let size = grid.cell_size.as_ref().unwrap();
     assert_eq!((size.x, size.y), (0.1, 0.05));
@@ -121,12 +105,11 @@ fn a_recording_holds_scene_image_and_log() {
     assert_eq!((colour(0), colour(1)), (&[0, 0, 255, 255][..], &[255, 255, 255, 255][..]));
     assert_eq!((colour(2)[0], colour(2)[3], colour(3)), (255, 255, &[0; 4][..]));
 
-    let log = Log::decode(&topics["/arm/log"].1[0][..]).unwrap();
-    assert!(log.message.contains("no data") && log.level == 3, "{log:?}");
-    let log = Log::decode(&topics["/arm/log"].1[1][..]).unwrap();
-    assert!(log.message.contains("unplugged") && log.level == 4, "{log:?}");
-    let log = Log::decode(&topics["/arm/log"].1[2][..]).unwrap();
-    assert!(log.message.contains("repeats an old frame") && log.level == 3, "{log:?}");
+    let said = [("no data", 3), ("unplugged", 4), ("repeats an old frame", 3)];
+    for (place, (word, level)) in said.into_iter().enumerate() {
+        let log: Log = decoded(&logs[place]);
+        assert!(log.message.contains(word) && log.level == level, "{log:?}");
+    }
     let frozen = &scene.last().unwrap().entities[0];
     assert_eq!(frozen.texts[0].text, "Not known: the instrument repeats an old frame");
 }
@@ -146,12 +129,11 @@ impl Client {
         stream.write_all(request.as_bytes()).unwrap();
         let mut head = Vec::new();
         while !head.ends_with(b"\r\n\r\n") {
-            let mut byte = [0];
-            stream.read_exact(&mut byte).unwrap();
-            head.extend_from_slice(&byte);
+            head.push(0);
+            let last = head.len() - 1;
+            stream.read_exact(&mut head[last..]).unwrap();
         }
-        let head = String::from_utf8(head).unwrap();
-        assert!(head.starts_with("HTTP/1.1 101 "), "{head}");
+        assert!(head.starts_with(b"HTTP/1.1 101 "), "{}", String::from_utf8_lossy(&head));
         Self(stream)
     }
 
@@ -203,9 +185,8 @@ impl Client {
         let text = value.to_string();
         assert!(text.len() < 126);
         // masked with zeros
-        let mut bytes = vec![0x81, 0x80 | text.len() as u8, 0, 0, 0, 0];
-        bytes.extend_from_slice(text.as_bytes());
-        self.0.write_all(&bytes).unwrap();
+        let head = [0x81, 0x80 | text.len() as u8, 0, 0, 0, 0];
+        self.0.write_all(&[&head[..], text.as_bytes()].concat()).unwrap();
     }
 }
 
@@ -240,13 +221,12 @@ fn a_client_sees_the_skin_live() {
     while outlines < 2 || touches < 10 || images < 5 {
         assert!(begun.elapsed() < LIMIT, "{outlines} outlines, {touches} touches, {images} images");
         let (subscription, payload) = client.message();
-        let payload = payload.as_slice();
         if subscription == 1 {
-            assert_eq!(Grid::decode(payload).unwrap().column_count, 2);
+            assert_eq!(decoded::<Grid>(&payload).column_count, 2);
             images += 1;
             continue;
         }
-        let scene = SceneUpdate::decode(payload).unwrap();
+        let scene: SceneUpdate = decoded(&payload);
         match scene.entities[0].id.as_str() {
             "skin" => outlines += 1,
             _ => touches += scene.entities[0].spheres.len(),

@@ -1,6 +1,8 @@
 //! Tests of the crate, in one program: linking one is faster than linking 6. Those of one file:
 //! `cargo test --release -p eit-publish --test all FILE::`.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
 mod common;
 
 #[cfg(feature = "zenoh")]

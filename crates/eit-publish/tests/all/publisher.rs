@@ -1,8 +1,7 @@
 //! Lines as their readers get them.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{FAULTS, start, touch};
-use eit_publish::{PublishError, Publisher, SCHEMA, Start, UdpSink};
+use crate::common::{FAULTS, datagrams, received, schema, start, touch, wait_for};
+use eit_publish::{PublishError, Publisher, Start, UdpSink};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::faults::ElectrodeFault;
 use eit_skin::{LearntTouch, Touch, TouchFrame};
@@ -11,7 +10,7 @@ use std::io::{self, Write};
 use std::net::UdpSocket;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Memory that a publisher writes to and a test reads; counts flushes.
 #[derive(Clone, Default)]
@@ -41,6 +40,18 @@ fn frame<'a>(touches: &'a [Touch], faults: &'a [ElectrodeFault]) -> TouchFrame<'
     TouchFrame { number: 60, ..crate::common::frame(100, touches, faults) }
 }
 
+/// The lines of a publisher, which fit the schema.
+fn lines(speak: impl FnOnce(&mut Publisher)) -> Vec<Value> {
+    let out = Shared::default();
+    speak(&mut Publisher::new().with_lines(out.clone()).unwrap());
+    let (lines, schema) = (out.lines(), schema());
+    for line in &lines {
+        assert!(schema.is_valid(line), "{line}: {:?}", schema.validate(line).err());
+    }
+    assert_eq!(out.0.lock().unwrap().1, lines.len(), "a flush for each line");
+    lines
+}
+
 /// Every kind of line.
 fn speak(publisher: &mut Publisher) {
     publisher.start(&start()).unwrap();
@@ -58,35 +69,14 @@ fn speak(publisher: &mut Publisher) {
 
 #[test]
 fn every_line_fits_the_schema_and_says_what_happened() {
-    let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
-    speak(&mut publisher);
-    let lines = out.lines();
-    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
-    for line in &lines {
-        assert!(schema.is_valid(line), "{line}: {:?}", schema.validate(line).err());
-    }
+    let lines = lines(speak);
     let said: Vec<&str> = lines
         .iter()
         .map(|line| line["event"].as_str().or(line["type"].as_str()).unwrap())
         .collect();
-    let wanted = [
-        "start",
-        "reference_started",
-        "reference_taken",
-        "frame",
-        "frame",
-        "gap",
-        "skipped",
-        "notice",
-        "frame",
-        "silent",
-        "disconnected",
-        "reconnected",
-        "ended",
-    ];
-    assert_eq!(said, wanted);
-    assert_eq!(out.0.lock().unwrap().1, lines.len(), "a flush for each line");
+    let wanted = "start reference_started reference_taken frame frame gap skipped notice frame silent \
+                  disconnected reconnected ended";
+    assert_eq!(said.join(" "), wanted);
     assert_eq!(lines[0]["instrument"], "a \"board\"\nof 16");
     assert_eq!(lines[1]["frames"], 39);
     assert_eq!((&lines[5]["frames"], &lines[6]["frames"]), (&json!(3), &json!(5)));
@@ -115,29 +105,26 @@ fn every_line_fits_the_schema_and_says_what_happened() {
     assert_eq!(lines[4], wanted);
 }
 
-/// A skin that has learnt says forces with their deviations, and which touches are unlike.
+/// A skin that has learnt says forces with their deviations, and which touches are unlike. JSON has no infinity: an error
+/// that is not known is null.
 #[test]
 fn learnt_touches_have_their_force_and_its_deviation() {
-    let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     let learnt =
         |force_n, is_unlike| Touch { learnt: Some(LearntTouch { force_n, is_unlike }), ..touch() };
-    let touches = [
+    let mut touches = [
         learnt(Some([1.5, 0.1]), false),
         learnt(Some([0.0, f64::INFINITY]), false),
         learnt(None, true),
     ];
-    publisher.touches(&frame(&touches, &[])).unwrap();
-    drop(publisher);
-    let line = out.lines().remove(0);
-    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
-    assert!(schema.is_valid(&line), "{line}");
-    let said =
-        |key: &str| line["touches"].as_array().unwrap().iter().map(|t| t[key].clone()).collect();
-    let said: [Vec<Value>; 3] = ["force_n", "force_std_n", "unlike"].map(said);
-    assert_eq!(said[0], [json!(1.5), json!(0.0), Value::Null]);
-    assert_eq!(said[1], [json!(0.1), Value::Null, Value::Null]);
-    assert_eq!(said[2], [json!(false), json!(false), json!(true)]);
+    touches[0].position_covariance_m2[0][0] = f64::INFINITY;
+    let line = &lines(|publisher| publisher.touches(&frame(&touches, &[])).unwrap())[0];
+    let said = |key: &str| -> Value {
+        line["touches"].as_array().unwrap().iter().map(|touch| touch[key].clone()).collect()
+    };
+    assert_eq!(said("force_n"), json!([1.5, 0.0, null]));
+    assert_eq!(said("force_std_n"), json!([0.1, null, null]));
+    assert_eq!(said("unlike"), json!([false, false, true]));
+    assert_eq!(said("position_std_m")[0], json!([null, 1e-3, 0.0]));
 }
 
 /// Names and words of others do not reach a terminal as they are: control characters of C1 and those that turn the
@@ -149,26 +136,24 @@ fn what_moves_a_cursor_is_escaped() {
     let hostile = "sk\u{1b}[31m \u{9b}2J \u{85} \u{202e}x\u{2066}";
     publisher.start(&Start { skin: hostile, instrument: hostile, ..start() }).unwrap();
     drop(publisher);
-    let text = String::from_utf8(out.0.lock().unwrap().0.clone()).unwrap();
-    assert!(text.trim_end().is_ascii(), "{text:?}");
-    assert_eq!(
-        (&out.lines()[0]["skin"], &out.lines()[0]["instrument"]),
-        (&json!(hostile), &json!(hostile))
-    );
+    assert!(out.0.lock().unwrap().0.trim_ascii_end().is_ascii());
+    let line = &out.lines()[0];
+    assert_eq!((&line["skin"], &line["instrument"]), (&json!(hostile), &json!(hostile)));
 }
 
 /// A schema that takes anything proves nothing.
 #[test]
 fn the_schema_refuses_lines_that_lack_or_twist_a_field() {
-    let out = Shared::default();
-    speak(&mut Publisher::new().with_lines(out.clone()).unwrap());
-    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    let (lines, schema) = (lines(speak), schema());
+    let without = |object: &Value, key: &str| {
+        let mut object = object.clone();
+        object.as_object_mut().unwrap().remove(key);
+        object
+    };
     let mut refused = 0;
-    for line in out.lines() {
+    for line in &lines {
         for key in line.as_object().unwrap().keys() {
-            let mut without = line.clone();
-            without.as_object_mut().unwrap().remove(key);
-            assert!(!schema.is_valid(&without), "without {key}: {without}");
+            assert!(!schema.is_valid(&without(line, key)), "without {key}: {line}");
             let mut twisted = line.clone();
             twisted[key] = json!({ "no": "value" });
             assert!(!schema.is_valid(&twisted), "{twisted}");
@@ -179,39 +164,22 @@ fn the_schema_refuses_lines_that_lack_or_twist_a_field() {
         assert!(schema.is_valid(&more), "fields may be added: {more}");
     }
     assert!(refused > 90, "{refused}");
-    let mut frame = out.lines()[4].clone();
-    for key in frame["touches"][0].as_object().unwrap().clone().keys() {
-        let whole = frame.clone();
-        frame["touches"][0].as_object_mut().unwrap().remove(key);
+    let touch = &lines[4]["touches"][0];
+    for key in touch.as_object().unwrap().keys() {
+        let mut frame = lines[4].clone();
+        frame["touches"][0] = without(touch, key);
         assert!(!schema.is_valid(&frame), "a touch without {key}");
-        frame = whole;
     }
-}
-
-/// JSON has no infinity: an error that is not known is null.
-#[test]
-fn an_error_that_is_not_finite_is_null() {
-    let mut unknown = touch();
-    unknown.position_covariance_m2[0][0] = f64::INFINITY;
-    let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
-    publisher.touches(&frame(&[unknown], &[])).unwrap();
-    drop(publisher);
-    let line = &out.lines()[0];
-    assert_eq!(line["touches"][0]["position_std_m"], json!([null, 1e-3, 0.0]));
-    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
-    assert!(schema.is_valid(line));
 }
 
 /// Without a clock of this computer a replay says the same every time.
 #[test]
 fn a_replay_stamps_no_event() {
-    let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
-    publisher.start(&Start { is_live: false, ..start() }).unwrap();
-    publisher.event(&Event::Gap { frames: 1 }).unwrap();
-    drop(publisher);
-    assert!(out.lines().iter().all(|line| line["host_time_s"].is_null()));
+    let lines = lines(|publisher| {
+        publisher.start(&Start { is_live: false, ..start() }).unwrap();
+        publisher.event(&Event::Gap { frames: 1 }).unwrap();
+    });
+    assert!(lines.iter().all(|line| line["host_time_s"].is_null()));
 }
 
 struct Failing(io::ErrorKind);
@@ -226,30 +194,17 @@ impl Write for Failing {
     }
 }
 
-/// Publishes untouched frames until `is_done`.
-fn until(
-    publisher: &mut Publisher,
-    mut is_done: impl FnMut(&Publisher, Result<(), PublishError>) -> bool,
-) {
-    let start = Instant::now();
-    while {
-        let said = publisher.touches(&frame(&[], &[]));
-        !is_done(publisher, said)
-    } {
-        assert!(start.elapsed() < Duration::from_secs(20), "nothing happened");
-        std::thread::sleep(Duration::from_millis(1));
-    }
-}
-
 #[test]
 fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
     let closed = || Publisher::new().with_lines(Failing(io::ErrorKind::BrokenPipe)).unwrap();
     let mut publisher = closed();
     assert!(!publisher.is_closed());
-    until(&mut publisher, |publisher, said| said.is_ok() && publisher.is_closed());
+    wait_for("it is not closed", || {
+        publisher.touches(&frame(&[], &[])).unwrap();
+        publisher.is_closed()
+    });
     // with another sink it is none
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    let (_receiver, sink) = datagrams();
     let mut publisher = closed().with_udp(sink);
     (0..50).for_each(|_| {
         publisher.touches(&frame(&[], &[])).unwrap();
@@ -257,7 +212,8 @@ fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
     });
     assert!(!publisher.is_closed());
     let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::StorageFull)).unwrap();
-    until(&mut publisher, |_, said| {
+    wait_for("no error", || {
+        let said = publisher.touches(&frame(&[], &[]));
         said.is_err_and(|error| matches!(error, PublishError::Write(_)) && !error.is_input())
     });
 }
@@ -286,46 +242,37 @@ impl Write for Gate {
 /// every frame; one that wants the latest gets that, and all events.
 #[test]
 fn a_slow_reader_delays_nobody() {
-    const FRAMES: u64 = 5000;
-    let sequences = |lines: &[Value]| -> Vec<u64> {
-        lines.iter().filter_map(|line| line["sequence"].as_u64()).collect()
+    // the queue has room for 4096
+    const FRAMES: u64 = 4200;
+    let numbers = |lines: &[Value], is_told: bool| -> Vec<u64> {
+        let told = lines.iter().filter(|line| (line["event"] == "skipped") == is_told);
+        let key = if is_told { "frames" } else { "sequence" };
+        told.filter_map(|line| line[key].as_u64()).collect()
     };
     for is_latest in [false, true] {
         let gate = Gate::default();
-        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-        receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-        let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+        let (receiver, sink) = datagrams();
         let publisher = Publisher::new().with_udp(sink);
         let mut publisher = match is_latest {
             true => publisher.with_latest_lines(gate.clone()).unwrap(),
             false => publisher.with_lines(gate.clone()).unwrap(),
         };
         publisher.start(&start()).unwrap();
-        let mut datagram = [0; 65_536];
-        receiver.recv(&mut datagram).unwrap();
+        received(&receiver);
         for sequence in 0..FRAMES {
             publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
             // each is there before the next one
-            let size = receiver.recv(&mut datagram).unwrap();
-            let line: Value = serde_json::from_slice(&datagram[..size]).unwrap();
-            assert_eq!(line["sequence"], sequence);
+            assert_eq!(received(&receiver)["sequence"], sequence);
         }
         gate.is_open.store(true, Ordering::Relaxed);
         publisher.end().unwrap();
         let lines = gate.out.lines();
-        let written = sequences(&lines);
+        let (written, told) = (numbers(&lines, false), numbers(&lines, true));
         let dropped = publisher.line_statistics().unwrap().dropped_frames;
         assert_eq!(written.len() as u64 + dropped, FRAMES);
         assert_eq!(*written.last().unwrap(), FRAMES - 1);
-        assert_eq!(
-            (&lines[0]["type"], &lines[lines.len() - 1]["event"]),
-            (&json!("start"), &json!("ended"))
-        );
-        let told: Vec<u64> = lines
-            .iter()
-            .filter(|line| line["event"] == "skipped")
-            .map(|line| line["frames"].as_u64().unwrap())
-            .collect();
+        assert_eq!(lines[0]["type"], "start");
+        assert_eq!(lines[lines.len() - 1]["event"], "ended");
         match is_latest {
             // one may have been taken before the gate
             true => assert!(written.len() <= 2 && told.is_empty(), "{} {told:?}", written.len()),
@@ -348,25 +295,19 @@ fn a_slow_reader_delays_nobody() {
     }
     publisher.end().unwrap();
     opening.join().unwrap();
-    assert_eq!(sequences(&gate.out.lines()), (0..FRAMES).collect::<Vec<_>>());
+    assert!(numbers(&gate.out.lines(), false).into_iter().eq(0..FRAMES));
 }
 
 #[test]
 fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
-    let address = receiver.local_addr().unwrap();
+    let (receiver, sink) = datagrams();
     let out = Shared::default();
-    let sink = UdpSink::new(&address.to_string()).unwrap();
     let mut publisher = Publisher::new().with_lines(out.clone()).unwrap().with_udp(sink);
     speak(&mut publisher);
-    let mut datagram = [0; 65_536];
-    for line in out.lines() {
-        let size = receiver.recv(&mut datagram).unwrap();
-        assert_eq!(serde_json::from_slice::<Value>(&datagram[..size]).unwrap(), line);
-    }
+    out.lines().iter().for_each(|line| assert_eq!(received(&receiver), *line));
     assert_eq!((publisher.udp()[0].sent(), publisher.udp()[0].unsent()), (13, 0));
     // the receiver goes: lines are lost, and the publisher goes on
+    let address = receiver.local_addr().unwrap();
     drop(receiver);
     (0..20).for_each(|_| publisher.touches(&frame(&[], &[])).unwrap());
     // and another comes: it hears of everything from then on
@@ -377,9 +318,7 @@ fn each_line_is_a_datagram_and_nobody_needs_to_listen() {
     receiver.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     for sequence in 0..20 {
         publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
-        let size = receiver.recv(&mut datagram).unwrap();
-        let line: Value = serde_json::from_slice(&datagram[..size]).unwrap();
-        assert_eq!(line["sequence"], sequence);
+        assert_eq!(received(&receiver)["sequence"], sequence);
     }
 }
 
@@ -395,19 +334,14 @@ fn addresses_that_are_none_are_named() {
 /// From the longest line on, a frame costs no allocation.
 #[test]
 fn nothing_is_allocated_for_a_frame() {
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    let (_receiver, sink) = datagrams();
     let gate = Gate::default();
     let mut publisher = Publisher::new().with_lines(gate.clone()).unwrap().with_udp(sink);
     let touches = [touch(); 5];
     // as many lines as may wait below
     (0..110).for_each(|_| publisher.touches(&frame(&touches, &FAULTS)).unwrap());
     gate.is_open.store(true, Ordering::Relaxed);
-    let start = Instant::now();
-    while gate.out.0.lock().unwrap().1 < 110 {
-        assert!(start.elapsed() < Duration::from_secs(20), "nothing is written");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    wait_for("nothing is written", || gate.out.0.lock().unwrap().1 == 110);
     let counted = allocation_counter::measure(|| {
         for count in [0, 1, 5, 3].into_iter().cycle().take(100) {
             publisher.touches(&frame(&touches[..count], &FAULTS)).unwrap();

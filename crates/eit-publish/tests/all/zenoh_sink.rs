@@ -1,10 +1,9 @@
 //! A skin by zenoh on the loopback interface, as a subscriber gets it.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
-use crate::common::{FAULTS, endpoint, frame, start, touch};
+use crate::common::{FAULTS, endpoint, frame, shape, start, touch, wait_for};
 use eit_publish::ros::{
-    Attachment, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PoseStamped, TouchArray,
-    from_cdr, skin_state, touch_state, type_hash,
+    Attachment, DiagnosticArray, ElectrodeFaultMessage, Image, MarkerArray, OccupancyGrid,
+    PoseStamped, TouchArray, from_cdr, skin_state, touch_state, type_hash,
 };
 use eit_publish::{
     PublishError, Publisher, SessionSettings, SkinImage, SkinShape, ZenohSettings, ZenohSink,
@@ -20,27 +19,19 @@ use zenoh::sample::{Sample, SampleKind};
 
 const LIMIT: Duration = Duration::from_secs(20);
 
-/// A program that listens at an address and hears of everything below a key.
+/// What a program hears below a key.
 struct Listener {
-    _session: zenoh::Session,
     samples: Receiver<Sample>,
     _subscriber: zenoh::pubsub::Subscriber<()>,
 }
 
 impl Listener {
-    fn new(address: &str, key: &str) -> Self {
-        let session = settings(&[], &[address]).open().unwrap();
-        Self::within(session, key)
-    }
-
-    fn within(session: zenoh::Session, key: &str) -> Self {
+    fn new(session: &zenoh::Session, key: &str) -> Self {
         let (sender, samples) = channel();
-        let keep = move |sample| {
-            // the end of the test
-            let _ = sender.send(sample);
-        };
+        // an error is the end of the test
+        let keep = move |sample| _ = sender.send(sample);
         let subscriber = session.declare_subscriber(key.to_owned()).callback(keep).wait().unwrap();
-        Self { _session: session, samples, _subscriber: subscriber }
+        Self { samples, _subscriber: subscriber }
     }
 
     fn next(&self) -> Sample {
@@ -53,13 +44,24 @@ fn settings(connect: &[&str], listen: &[&str]) -> SessionSettings {
     SessionSettings { connect: own(connect), listen: own(listen), ..Default::default() }
 }
 
-/// A sink that connects to an address.
-fn sink(address: &str, change: impl FnOnce(&mut ZenohSettings)) -> ZenohSink {
+/// A skin in domain 3 that connects to an address.
+fn publisher(address: &str, change: impl FnOnce(&mut ZenohSettings)) -> Publisher {
     let mut wanted = ZenohSettings::new("/skin/arm");
     wanted.frame_id = "left_arm".to_owned();
+    wanted.domain = 3;
     wanted.session = settings(&[address], &[]);
     change(&mut wanted);
-    ZenohSink::new(&wanted).unwrap()
+    let mut publisher = Publisher::new().with_zenoh(ZenohSink::new(&wanted).unwrap());
+    publisher.skin(&SkinShape { extent_m: [-0.15, 0.15, -0.1, 0.1], ..shape() }).unwrap();
+    publisher.start(&start()).unwrap();
+    publisher
+}
+
+/// A session that listens, and a skin that connects to it.
+fn connected(change: impl FnOnce(&mut ZenohSettings)) -> (zenoh::Session, Publisher) {
+    let address = endpoint();
+    let session = settings(&[], &[&address]).open().unwrap();
+    (session, publisher(&address, change))
 }
 
 fn message<M: DeserializeOwned>(sample: &Sample) -> M {
@@ -90,14 +92,8 @@ fn key(topic: &str, package: &str, name: &str) -> String {
 /// Every frame arrives once, in order, with the key, payload and attachment that ROS 2 expects.
 #[test]
 fn a_subscriber_gets_every_frame() {
-    let address = endpoint();
-    let listener = Listener::new(&address, "3/skin/arm/touches/**");
-    let sink = sink(&address, |settings| {
-        settings.domain = 3;
-        settings.change = None;
-    });
-    let mut publisher = Publisher::new().with_zenoh(sink);
-    publisher.start(&start()).unwrap();
+    let (session, mut publisher) = connected(|settings| settings.change = None);
+    let listener = Listener::new(&session, "3/skin/arm/touches/**");
     let first = until_heard(&mut publisher, &listener);
     assert_eq!(first.key_expr().as_str(), key("skin/arm/touches", "eit_skin_msgs", "TouchArray"));
     // those that were sent before it was known that one is heard
@@ -120,8 +116,8 @@ fn a_subscriber_gets_every_frame() {
         assert_eq!(message.header.frame_id, "left_arm");
         assert_eq!(message.header.stamp.seconds(), 1.7e9 + 0.25);
         assert_eq!((message.time, message.latency), (2.0, 2e-3));
-        let fault = message.faulty_electrodes[0];
-        assert_eq!((fault.electrode, fault.kind, fault.since), (5, 1, 1.5));
+        let fault = ElectrodeFaultMessage { electrode: 5, kind: 1, since: 1.5 };
+        assert_eq!(message.faulty_electrodes, [fault]);
         let [hold, begin] = [0, 1].map(|index| message.touches[index]);
         assert_eq!((hold.id, hold.state, begin.id, begin.state), (7, 1, 8, 0));
         assert_eq!(<[f64; 3]>::from(hold.position), [0.03, -0.01, 0.0]);
@@ -149,27 +145,14 @@ fn a_subscriber_gets_every_frame() {
 /// skin, and no colour for changes that no touch is faint enough for.
 #[test]
 fn images_are_sent_to_who_subscribes() {
-    let address = endpoint();
-    let session = settings(&[], &[&address]).open().unwrap();
-    let maps = Listener::within(session.clone(), "3/skin/arm/map/**");
-    let markers = Listener::within(session.clone(), "3/skin/arm/markers/**");
-    let images = Listener::within(session, &key("skin/arm/image", "sensor_msgs", "Image"));
-    let sink = sink(&address, |settings| settings.domain = 3);
-    let mut publisher = Publisher::new().with_zenoh(sink);
-    let shape = SkinShape {
-        name: "arm".to_owned(),
-        outlines_m: Vec::new(),
-        electrodes_m: Vec::new(),
-        extent_m: [-0.15, 0.15, -0.1, 0.1],
-    };
-    publisher.skin(&shape).unwrap();
-    publisher.start(&start()).unwrap();
-    let begun = Instant::now();
-    while !publisher.wants_image() {
-        assert!(begun.elapsed() < LIMIT, "a subscriber of images is not seen");
+    let (session, mut publisher) = connected(|_| ());
+    let maps = Listener::new(&session, "3/skin/arm/map/**");
+    let markers = Listener::new(&session, "3/skin/arm/markers/**");
+    let images = Listener::new(&session, &key("skin/arm/image", "sensor_msgs", "Image"));
+    wait_for("a subscriber of images is not seen", || {
         publisher.touches(&frame(1, &[touch()], &FAULTS)).unwrap();
-        std::thread::sleep(Duration::from_millis(10));
-    }
+        publisher.wants_image()
+    });
     let drawn: MarkerArray = message(&markers.next());
     assert_eq!((drawn.markers.len(), drawn.markers[1].header.frame_id.as_str()), (3, "left_arm"));
     assert!(publisher.takes_images() && publisher.has_viewer());
@@ -181,9 +164,7 @@ fn images_are_sent_to_who_subscribes() {
     assert_eq!((map.width, map.height, map.resolution), (3, 2, 0.1));
     let corner: [f64; 3] = map.origin.position.into();
     assert_eq!((corner, map.data.as_slice()), ([-0.15, -0.1, 0.0], &[20, 5, 0, 10, -1, 0][..]));
-    let sample = images.next();
-    assert_eq!(sample.key_expr().as_str(), key("skin/arm/image", "sensor_msgs", "Image"));
-    let image: Image = message(&sample);
+    let image: Image = message(&images.next());
     assert_eq!((image.height, image.width, image.step), (2, 3, 12));
     assert_eq!((image.encoding.as_str(), image.header.frame_id.as_str()), ("32FC1", "left_arm"));
     let values: Vec<f32> =
@@ -196,119 +177,63 @@ fn images_are_sent_to_who_subscribes() {
 /// Diagnostics say what is wrong, and the pose where the skin is.
 #[test]
 fn diagnostics_name_faults_and_silence() {
-    let address = endpoint();
-    let listener = Listener::new(&address, "3/**");
-    let sink = sink(&address, |settings| {
-        settings.domain = 3;
-        settings.pose = Some(("base_link".to_owned(), Default::default()));
-    });
-    let mut publisher = Publisher::new().with_zenoh(sink);
-    publisher.start(&start()).unwrap();
+    let pose = Some(("base_link".to_owned(), Default::default()));
+    let (session, mut publisher) = connected(|settings| settings.pose = pose);
+    let listener = Listener::new(&session, "3/**");
     until_heard(&mut publisher, &listener);
-    let wanted = |name: &str| {
-        let begun = Instant::now();
-        loop {
-            let sample = listener.next();
-            if sample.key_expr().as_str().contains(name) {
-                return sample;
-            }
-            assert!(begun.elapsed() < LIMIT, "no {name}");
-        }
-    };
-    let pose: PoseStamped = message(&wanted(&key("skin/arm/pose", "geometry_msgs", "PoseStamped")));
+    let topic = key("skin/arm/pose", "geometry_msgs", "PoseStamped");
+    let mut samples = std::iter::from_fn(|| Some(listener.next()));
+    let pose = samples.find(|sample| sample.key_expr().as_str() == topic).unwrap();
+    let pose: PoseStamped = message(&pose);
     assert_eq!((pose.header.frame_id.as_str(), pose.pose.orientation.w), ("base_link", 1.0));
-    let begun = Instant::now();
-    let mut levels = Vec::new();
-    let mut is_unplugged = false;
-    // faulty electrodes first; then no frame for more than a second
-    while levels.last() != Some(&3) {
-        if !levels.contains(&1) {
-            publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
-        } else if !std::mem::replace(&mut is_unplugged, true) {
-            publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
-        }
-        std::thread::sleep(Duration::from_millis(20));
-        for sample in listener.samples.try_iter() {
-            if sample.key_expr().as_str()
-                != key("diagnostics", "diagnostic_msgs", "DiagnosticArray")
-            {
-                continue;
-            }
-            let message: DiagnosticArray = message(&sample);
-            let status = &message.status[0];
-            assert_eq!(status.name, "skin/arm: EIT skin arm");
-            assert_eq!(status.hardware_id, "a \"board\"\nof 16");
-            match status.level {
-                1 => assert_eq!(status.message, "faulty electrodes: 5"),
-                3 => {
-                    let silence = status.message.strip_prefix("no frame for ").unwrap();
-                    // told before the reason was
-                    let Some((seconds, why)) = silence.split_once(" s: ") else { continue };
-                    assert!(seconds.parse::<f64>().unwrap() >= 1.0, "{seconds}");
-                    assert!(why.contains("unplugged"), "{why}");
-                }
-                level => assert_eq!(level, 0),
-            }
-            levels.push(status.level);
-        }
-        assert!(begun.elapsed() < LIMIT, "{levels:?}");
-    }
-    assert!(levels.contains(&1), "{levels:?}");
+    let topic = key("diagnostics", "diagnostic_msgs", "DiagnosticArray");
+    let status = |level: u8, word: &str, speak: &mut dyn FnMut()| {
+        let mut found = None;
+        wait_for(word, || {
+            speak();
+            let samples = listener.samples.try_iter().filter(|s| s.key_expr().as_str() == topic);
+            let mut status = samples.map(|s| message::<DiagnosticArray>(&s).status.remove(0));
+            found = status.find(|status| status.level == level && status.message.contains(word));
+            found.is_some()
+        });
+        found.unwrap()
+    };
+    let mut speak = || publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
+    let faulty = status(1, "faulty", &mut speak);
+    assert_eq!(faulty.message, "faulty electrodes: 5");
+    assert_eq!(faulty.name, "skin/arm: EIT skin arm");
+    assert_eq!(faulty.hardware_id, "a \"board\"\nof 16");
+    // then no frame for more than a second
+    publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
+    let silent = status(3, "unplugged", &mut || ()).message;
+    let (seconds, _) = silent.strip_prefix("no frame for ").unwrap().split_once(" s: ").unwrap();
+    assert!(seconds.parse::<f64>().unwrap() >= 1.0, "{seconds}");
 }
 
 /// An untouched skin sends ten messages a second instead of two hundred; a touch is sent at once, and one that
 /// does not change waits for the heartbeat.
 #[test]
 fn only_changes_and_heartbeats_are_published() {
-    let address = endpoint();
-    let listener = Listener::new(&address, "0/skin/arm/touches/**");
-    let mut publisher = Publisher::new().with_zenoh(sink(&address, |_| {}));
+    let (session, mut publisher) = connected(|_| ());
+    let listener = Listener::new(&session, "3/skin/arm/touches/**");
     until_heard(&mut publisher, &listener);
     std::thread::sleep(Duration::from_millis(200));
     listener.samples.try_iter().for_each(drop);
-    let still = [Touch { state: TouchState::Hold, ..touch() }];
-    let mut run = |touches: &[Touch], frames: u64| {
+    for touches in [&[][..], &[touch()]] {
         let begun = Instant::now();
-        for sequence in 1..=frames {
+        for sequence in 1..=200 {
             publisher.touches(&frame(sequence, touches, &[])).unwrap();
             std::thread::sleep(Duration::from_millis(5));
         }
         let seconds = begun.elapsed().as_secs_f64();
         std::thread::sleep(Duration::from_millis(200));
         let messages: Vec<TouchArray> = listener.samples.try_iter().map(|s| message(&s)).collect();
-        (messages, seconds)
-    };
-    // heartbeats are at most ten a second, and fewer where this computer is busy
-    let (messages, seconds) = run(&[], 200);
-    let most = (seconds / 0.0995).ceil() as usize + 1;
-    assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
-    let (messages, seconds) = run(&still, 200);
-    let most = (seconds / 0.0995).ceil() as usize + 2;
-    let first = messages.iter().find(|message| !message.touches.is_empty()).unwrap();
-    assert_eq!(first.sequence, 1, "a touch is sent at once");
-    assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
-    // half a millimetre at most stays unsaid
-    let mut moving = still;
-    let begun = Instant::now();
-    let mut sequence = 0;
-    while begun.elapsed() < Duration::from_millis(500) {
-        sequence += 1;
-        moving[0].position_m[0] += 1e-3;
-        publisher.touches(&frame(sequence, &moving, &[])).unwrap();
-        std::thread::sleep(Duration::from_millis(5));
+        // heartbeats are at most ten a second, and fewer where this computer is busy
+        let most = (seconds / 0.0995).ceil() as usize + 1 + touches.len();
+        assert!((5..=most).contains(&messages.len()), "{} in {seconds} s", messages.len());
+        let first = messages.iter().find(|message| message.touches.len() == touches.len());
+        assert!(touches.is_empty() || first.unwrap().sequence == 1, "a touch is sent at once");
     }
-    publisher.end().unwrap();
-    // each of them moved
-    let has_moved = |sample: &Sample| message::<TouchArray>(sample).touches[0].position.x > 0.0305;
-    let mut heard = 0;
-    while heard < sequence {
-        heard += u64::from(has_moved(&listener.next()));
-    }
-    // a last list ends the touches, once
-    let last: TouchArray = message(&listener.next());
-    assert!(last.touches.iter().all(|touch| touch.state == touch_state::END && !touch.valid));
-    assert_eq!(last.state, skin_state::number(SkinState::NoData));
-    assert!(listener.samples.try_recv().is_err(), "nothing twice");
 }
 
 /// Through a router, as nodes of ROS 2 reach each other; the tokens are what `ros2 topic list` shows.
@@ -329,75 +254,37 @@ fn a_router_forwards_messages_and_tokens() {
     let _graph = session
         .liveliness()
         .declare_subscriber("@ros2_lv/3/**")
-        .callback(move |sample| {
-            let _ = sender.send((sample.kind(), sample.key_expr().as_str().to_owned()));
-        })
+        .callback(move |sample| _ = sender.send((sample.kind(), sample.key_expr().to_string())))
         .wait()
         .unwrap();
-    let listener = Listener::within(session, "3/skin/arm/touches/**");
-    let sink = sink(&address, |settings| settings.domain = 3);
-    let mut publisher = Publisher::new().with_zenoh(sink);
+    let listener = Listener::new(&session, "3/skin/arm/touches/**");
+    let mut publisher = publisher(&address, |_| ());
     let sample = until_heard(&mut publisher, &listener);
     assert_eq!(message::<TouchArray>(&sample).header.frame_id, "left_arm");
-    let mut announced = Vec::new();
-    while announced.len() < 6 {
-        let (kind, token) = tokens.recv_timeout(LIMIT).expect("a token");
-        assert_eq!(kind, SampleKind::Put);
-        announced.push(token);
+    let token = || tokens.recv_timeout(LIMIT).expect("a token");
+    let mut announced: Vec<(SampleKind, String)> = (0..6).map(|_| token()).collect();
+    announced.sort_by_key(|(_, token)| token.split('/').nth(4).unwrap().parse::<u32>().unwrap());
+    let topics = ["skin%arm%touches", "skin%arm%markers", "skin%arm%image", "skin%arm%map"];
+    let topics = topics.iter().chain(&["diagnostics"]).map(|topic| ("MP", format!("%{topic}")));
+    let wanted = std::iter::once(("NN", String::new())).chain(topics);
+    for ((kind, token), (entity, topic)) in announced.iter().zip(wanted) {
+        let parts: Vec<&str> = token.split('/').collect();
+        assert_eq!((*kind, parts[5]), (SampleKind::Put, entity), "{token}");
+        assert_eq!(*parts.get(9).unwrap_or(&""), topic, "{token}");
+        assert!(token.contains("/%/%/eit_skin_arm"), "{token}");
     }
-    announced.sort_by_key(|token| token.split('/').nth(4).unwrap().parse::<u32>().unwrap());
-    let said: Vec<(&str, &str)> = announced
-        .iter()
-        .map(|token| (token.split('/').nth(5).unwrap(), token.split('/').nth(9).unwrap_or("")))
-        .collect();
-    let of_skin = ["touches", "markers", "image", "map"].map(|topic| format!("%skin%arm%{topic}"));
-    let topics = of_skin.iter().map(String::as_str).chain(["%diagnostics"]);
-    let wanted = std::iter::once(("NN", "")).chain(topics.map(|topic| ("MP", topic)));
-    assert_eq!(said, wanted.collect::<Vec<_>>());
-    assert!(announced.iter().all(|token| token.contains("/%/%/eit_skin_arm")));
     // both hear of another program that publishes the same, and of its end
     let rivals = |publisher: &Publisher| publisher.zenoh()[0].rivals();
-    let until = |wanted: &dyn Fn() -> bool| {
-        let begun = Instant::now();
-        while !wanted() {
-            assert!(begun.elapsed() < LIMIT, "the other is not heard of");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    };
     assert_eq!(rivals(&publisher), 0);
-    let other = Publisher::new().with_zenoh(self::sink(&address, |settings| settings.domain = 3));
-    until(&|| rivals(&publisher) == 1 && rivals(&other) == 1);
+    let other = self::publisher(&address, |_| ());
+    wait_for("the other", || rivals(&publisher) == 1 && rivals(&other) == 1);
     drop(other);
-    until(&|| rivals(&publisher) == 0);
+    wait_for("the end of the other", || rivals(&publisher) == 0);
     // the end of the program takes the tokens back
     drop(tokens.try_iter().last());
     drop(publisher);
-    let (kind, _) = tokens.recv_timeout(LIMIT).expect("an end");
-    assert_eq!(kind, SampleKind::Delete);
+    assert_eq!(token().0, SampleKind::Delete);
     router.close().wait().unwrap();
-}
-
-/// Nobody listens, or nobody is there: frames cost no time, and the end comes soon.
-#[test]
-fn frames_do_not_wait_for_the_network() {
-    let mut publisher = Publisher::new().with_zenoh(sink(&endpoint(), |settings| {
-        settings.change = None;
-    }));
-    let begun = Instant::now();
-    let touches = [touch(); 5];
-    for sequence in 0..20_000 {
-        publisher.touches(&frame(sequence, &touches, &FAULTS)).unwrap();
-    }
-    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
-    let begun = Instant::now();
-    publisher.end().unwrap();
-    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
-    let statistics = publisher.zenoh()[0].statistics();
-    let (sent, refused) = publisher.zenoh()[0].sent();
-    // and the list that ends the touches
-    assert_eq!(statistics.frames, 20_001);
-    // diagnostics are messages, too
-    assert!(sent + refused + statistics.dropped_frames >= 20_000, "{sent} {statistics:?}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Tests of the crate, in one program: linking one is faster than linking 15. Those of one file:
 //! `cargo test --release -p eit-skin --test all FILE::`.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 mod common;
 #[path = "common/voltages.rs"]
@@ -10,8 +11,9 @@ mod denoised;
 mod faults;
 mod health;
 mod hemisphere;
-mod images_without_electrodes;
+#[cfg(feature = "learn")]
 mod learn;
+#[cfg(feature = "learn")]
 mod learned_touches;
 mod live_images;
 mod noise_figure;

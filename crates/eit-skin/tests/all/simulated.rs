@@ -1,6 +1,6 @@
 //! A simulated recording, and its touches and images in one call.
 
-use eit_skin::eit_fem::fabric::Contact;
+use eit_skin::eit_fem::fabric::{Contact, Touch as ScriptTouch};
 use eit_skin::frames::{FramesInput, ReferenceInput};
 use eit_skin::live::SkinState;
 use eit_skin::ndarray::{Array2, Axis};
@@ -37,40 +37,35 @@ fn simulated_frames_are_reconstructed_with_their_own_reference() {
     let row = &touches.rows[0];
     assert_eq!(touches.in_recording(row), (row.frame as u64, row.time_s));
 
-    settings.script = "dance".to_owned();
-    let error = SimulatedRecording::run(&scene, &settings, progress).unwrap_err();
-    assert_eq!(error.as_argument().map(|(name, _)| name), Some("script"));
-    let few = Array2::zeros((3, 5));
-    let error = skin.frames_of_values(&few).unwrap_err().to_string();
-    assert!(error.contains("5 values, but the protocol has 208"), "{error}");
-}
-
-/// Stepped with the fingers of a script, the frames are those of the recording.
-#[test]
-fn a_stepped_skin_makes_the_frames_of_the_recording() {
-    let scene = Scene::load("paper-disc").unwrap();
-    let settings = SimulateSettings {
-        script: "one-finger".to_owned(),
-        seed: 3,
-        frames: Some(30),
-        nodes: Some(900),
-        threads: None,
-    };
-    let made = SimulatedRecording::run(&scene, &settings, &mut Progress::silent()).unwrap();
-    let mut skin = simulator(&scene, 3, Some(900), false).unwrap();
+    // a skin that is stepped with the fingers of the script makes the same frames
+    let mut stepped = simulator(&scene, settings.seed, settings.nodes, false).unwrap();
     for (frame, wanted) in made.simulation.frames_v.rows().into_iter().enumerate() {
-        let touches = made.script.touches(frame).into_iter();
-        let contacts: Vec<Contact> = touches
-            .map(|touch| Contact {
-                finger: touch.finger,
-                tip: touch.tip,
-                position_m: touch.position_m,
-                force_n: touch.force_n,
-                radius_m: touch.radius_m,
-            })
-            .collect();
-        let stepped = skin.step(&contacts, 1.0 / made.script.frame_rate_hz).unwrap();
-        assert_eq!(stepped.values_v, wanted.to_vec());
+        let contact = |t: &ScriptTouch| Contact {
+            finger: t.finger,
+            tip: t.tip,
+            position_m: t.position_m,
+            force_n: t.force_n,
+            radius_m: t.radius_m,
+        };
+        let contacts: Vec<Contact> = made.script.touches(frame).iter().map(contact).collect();
+        let values_v = &stepped.step(&contacts, 1.0 / made.script.frame_rate_hz).unwrap().values_v;
+        assert_eq!(*values_v, wanted.to_vec());
     }
     simulator(&scene, 3, None, true).unwrap().step(&[], 0.05).unwrap();
+
+    // errors name arguments, not options of a command line
+    settings.script = "dance".to_owned();
+    let method = eit_skin::method::choose(&skin.settings, Some("best"), None);
+    for (error, name, text) in [
+        (SimulatedRecording::run(&scene, &settings, progress).unwrap_err(), "script", "dance: no"),
+        (skin.read_frames(&[], None).unwrap_err(), "frames", "no frames: give their files, or set"),
+        (method.unwrap_err().within("a.toml"), "method", "\"best\": the methods are"),
+    ] {
+        let (argument, problem) = error.as_argument().unwrap();
+        assert!(argument == name && problem.starts_with(text), "{error}");
+        assert!(error.to_string().ends_with(&format!("{name}: {problem}")), "{error}");
+    }
+    assert_eq!(eit_skin::SkinError::input("x").as_argument(), None);
+    let error = skin.frames_of_values(&Array2::zeros((3, 5))).unwrap_err().to_string();
+    assert!(error.contains("5 values, but the protocol has 208"), "{error}");
 }

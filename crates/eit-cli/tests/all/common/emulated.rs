@@ -1,6 +1,6 @@
 //! Our own emulated device behind TCP, with interference in between; and `eit emulate`.
 
-use super::{Folder, command, eit};
+use super::{Folder, LIMIT, command, eit, wait_until};
 use eit_fem::fabric::Random;
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{Device, Eits1Device, Emulator, FaultPlan, Listen};
@@ -10,9 +10,6 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Child, ChildStdin, Command, Output, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-
-/// Maximum time that a test waits.
-pub const LIMIT: Duration = Duration::from_secs(240);
 
 /// Information reported by a device with this number of electrodes.
 pub fn information(electrodes: u16, name: &str) -> Information {
@@ -81,8 +78,7 @@ pub fn record(folder: &Folder, emulator: &Emulator, seconds: &str) -> (Output, V
     (output, json, out)
 }
 
-/// A running `eit emulate`; stopped when dropped, so that its path does not remain: the system may give the
-/// terminal behind it to another test.
+/// A running `eit emulate`; stopped when dropped: the system may give the terminal behind its path to another test.
 pub struct Emulated(Child);
 
 impl Drop for Emulated {
@@ -96,13 +92,11 @@ impl Drop for Emulated {
 /// Starts `eit emulate` on a pseudo-terminal and waits until its port exists.
 pub fn emulate(scene: &str, port: &str, more: &str) -> Emulated {
     let mut command = command(format!("emulate {scene} --port {port} {more}"));
-    let (start, mut emulated) =
-        (Instant::now(), Emulated(command.stdout(Stdio::null()).spawn().unwrap()));
-    while !super::exists(port) {
-        assert!(start.elapsed() < LIMIT, "no port");
+    let mut emulated = Emulated(command.stdout(Stdio::null()).spawn().unwrap());
+    wait_until(|| {
         assert!(emulated.0.try_wait().unwrap().is_none(), "eit emulate {scene} {more} has ended");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+        super::exists(port)
+    });
     emulated
 }
 
@@ -112,6 +106,16 @@ pub fn scene_at_port(instrument: &str) -> (Folder, String, String) {
     let port = folder.path("skin");
     let scene = folder.scene(&format!("[instrument]\nport = \"{port}\"\n{instrument}\n"));
     (folder, scene, port)
+}
+
+/// Runs cases that mostly wait beside each other.
+pub fn side_by_side<T: Send>(cases: impl IntoIterator<Item = T>, test: impl Fn(T) + Sync) {
+    let test = &test;
+    std::thread::scope(|scope| {
+        for case in cases {
+            scope.spawn(move || test(case));
+        }
+    });
 }
 
 /// Sends a signal to a child.

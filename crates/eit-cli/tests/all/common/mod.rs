@@ -3,11 +3,27 @@
 #[cfg(unix)]
 pub mod emulated;
 
-use ndarray::{Array, Array2, Dimension};
+use eit_skin::Skin;
+use ndarray::{Array, Array1, Array2, Dimension};
 use ndarray_npy::ReadNpyExt as _;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
+
+/// Maximum time that a test waits.
+pub const LIMIT: Duration = Duration::from_secs(240);
+
+/// Waits until something has happened.
+pub fn wait_until(mut happened: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !happened() {
+        assert!(start.elapsed() < LIMIT, "nothing happens");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
 
 /// The program with the arguments of a line. A space in a path is written as `\u{a0}`, see [`scene`].
 pub fn command(line: impl AsRef<str>) -> Command {
@@ -19,6 +35,18 @@ pub fn command(line: impl AsRef<str>) -> Command {
 /// Runs `eit` with the arguments of a line.
 pub fn eit(line: impl AsRef<str>) -> Output {
     command(line).output().expect("the program starts")
+}
+
+/// Runs `eit` below a shell, after commands of the shell; its arguments have no spaces.
+#[cfg(unix)]
+pub fn eit_in_shell(before: &str, line: impl AsRef<str>) -> Output {
+    let script = format!("{before}; exec '{}' {}", env!("CARGO_BIN_EXE_eit"), line.as_ref());
+    Command::new("sh").args(["-c", &script]).output().unwrap()
+}
+
+/// What a run wrote to stdout and to stderr.
+pub fn all_said(output: &Output) -> String {
+    stdout(output) + &stderr(output)
 }
 
 /// What a run wrote to stderr.
@@ -55,6 +83,34 @@ pub fn refuse(line: impl AsRef<str>) -> String {
     let output = eit(&line);
     assert!(output.stdout.is_empty());
     one_line(&output, 2, line.as_ref())
+}
+
+/// Expects words in a text, or all that stand between `…`.
+pub fn says(text: &str, words: impl AsRef<str>) {
+    let words = words.as_ref();
+    assert!(words.split('…').all(|words| text.contains(words)), "{words}: {text}");
+}
+
+/// Expects each of these lines to be rejected with its words, or all that stand between `…`.
+pub fn refuse_each<L: AsRef<str>, W: AsRef<str>>(cases: impl IntoIterator<Item = (L, W)>) {
+    for (line, words) in cases {
+        says(&refuse(&line), words);
+    }
+}
+
+/// Expects `eit plan` to reject each of these scenes with its words.
+pub fn refuse_plans(cases: impl IntoIterator<Item = (String, &'static str)>) {
+    let folder = Folder::new();
+    for (scene, words) in cases {
+        let said = refuse(format!("plan {}", folder.write("scene.toml", &scene)));
+        says(&said, words);
+    }
+}
+
+/// [`SMALL`] with another text for a part of it.
+pub fn altered(from: &str, to: &str) -> String {
+    assert!(SMALL.contains(from), "{from}");
+    SMALL.replace(from, to)
 }
 
 /// Runs `eit` and expects a failure with exit code 1 and one line; returns the line.
@@ -115,6 +171,11 @@ impl Folder {
         self.write("scene.toml", format!("{SMALL}\n{more}"))
     }
 
+    /// [`SMALL`] with another text for a part of it, as the scene file.
+    pub fn altered(&self, from: &str, to: &str) -> String {
+        self.write("scene.toml", altered(from, to))
+    }
+
     /// Names of all files in it, sorted.
     pub fn names(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.path()).unwrap();
@@ -140,6 +201,28 @@ pub fn read_text(path: impl AsRef<Path>) -> String {
 /// Reads an array of numbers.
 pub fn read_array<D: Dimension>(path: impl AsRef<Path>) -> Array<f64, D> {
     Array::read_npy(&read(path)[..]).unwrap()
+}
+
+/// Rows of a table with a header.
+pub fn rows(path: impl AsRef<Path>) -> Vec<BTreeMap<String, String>> {
+    let text = read_text(path);
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect());
+    let header: Vec<String> = lines.next().unwrap();
+    let row = |cells: Vec<String>| {
+        assert_eq!(cells.len(), header.len(), "{cells:?}");
+        header.iter().cloned().zip(cells).collect()
+    };
+    lines.map(row).collect()
+}
+
+/// Number of this name in an answer.
+pub fn number(json: &Value, name: &str) -> f64 {
+    json[name].as_f64().unwrap_or_else(|| panic!("no number {name} in {json}"))
+}
+
+/// Largest magnitude of numbers, but for those that are none.
+pub fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    values.into_iter().fold(0.0, |most, value| most.max(value.abs()))
 }
 
 /// Values of a recording or table, [frame, value].
@@ -168,24 +251,24 @@ current_a = 1e-4
 edge_m = 0.012
 "#;
 
-/// Two hundred frames of 40 values: quiet at first, then a finger that stays.
-pub fn touched_frames(folder: &Folder, scene: &str) -> (String, Array2<f64>) {
-    let [voltages, mesh] = folder.paths(["v.npy", "m.msh"]);
-    succeed(format!("mesh {scene} --out {mesh}"));
-    let surface = eit_mesh::read_gmsh(&mesh).unwrap().surface().clone();
-    let finger = |c: [f64; 3]| (-((c[0] - 0.03).powi(2) + c[1] * c[1]) / 0.01_f64.powi(2)).exp();
-    let values = surface.centroids().into_iter().map(|c| 1e-5 * (1.0 + 0.5 * finger(c)));
-    let values = ndarray::Array1::from_iter(values).insert_axis(ndarray::Axis(0));
-    let sigma = folder.write_array("s.npy", &values);
-    let solve = |more: &str| -> ndarray::Array1<f64> {
-        succeed(format!("forward {scene} --mesh {mesh} --out {voltages} {more}"));
-        read_array(&voltages)
-    };
-    let (still, touched) = (solve(""), solve(&format!("--conductivity {sigma}")));
-    let size = still.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    let frames = Array2::from_shape_fn((200, still.len()), |(frame, i)| {
-        let noise = 1e-5 * size * ((frame * 7919 + i * 104_729) as f64).sin();
-        noise + if frame > 100 { touched[i] } else { still[i] }
+/// Voltages of a skin whose conductivity differs by a factor that depends on the place.
+pub fn voltages(skin: &Skin, factor: impl Fn([f64; 3]) -> f64) -> Array1<f64> {
+    let places = skin.mesh.surface().centroids();
+    let sigma_s = skin.background_s().into_iter().zip(places).map(|(s, place)| s * factor(place));
+    skin.model.forward(&sigma_s.collect::<Vec<_>>()).unwrap()
+}
+
+/// Two hundred frames of 40 values of [`SMALL`]: quiet at first, then a finger that stays; also as a file in a folder.
+pub fn touched_frames(folder: &Folder) -> (String, &'static Array2<f64>) {
+    static FRAMES: LazyLock<Array2<f64>> = LazyLock::new(|| {
+        let skin = Skin::load(Folder::new().scene("")).unwrap();
+        let square_m2 = |c: [f64; 3]| (c[0] - 0.03).powi(2) + c[1] * c[1];
+        let touched = voltages(&skin, |c| 1.0 + 0.5 * (-square_m2(c) / 0.01_f64.powi(2)).exp());
+        let still = voltages(&skin, |_| 1.0);
+        Array2::from_shape_fn((200, still.len()), |(frame, i)| {
+            let noise = 1e-5 * largest(&still) * ((frame * 7919 + i * 104_729) as f64).sin();
+            noise + if frame > 100 { touched[i] } else { still[i] }
+        })
     });
-    (folder.write_array("touched.npy", &frames), frames)
+    (folder.write_array("touched.npy", &*FRAMES), &FRAMES)
 }

@@ -1,5 +1,4 @@
 //! A U-net written down as its definition, in `f64` and without any cleverness.
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_denoise::{ImageStack, UnetShape, Weights};
 use fixtures::Random;
@@ -14,15 +13,28 @@ pub fn disc(rows: usize, columns: usize) -> Array2<bool> {
     })
 }
 
+/// Sizes that halving divides, and sizes that it does not.
+pub const CASES: [(UnetShape, [usize; 2]); 4] = [
+    (UnetShape { history: 1, width: 6, depth: 3, ..UnetShape::ONE_IMAGE }, [64, 64]),
+    (UnetShape { history: 3, width: 4, depth: 1, ..UnetShape::ONE_IMAGE }, [20, 33]),
+    (UnetShape { history: 2, width: 1, depth: 2, ..UnetShape::ONE_IMAGE }, [17, 9]),
+    (UnetShape { history: 1, width: 5, depth: 4, ..UnetShape::ONE_IMAGE }, [32, 48]),
+];
+
+/// A bell in frame `f` that moves over an image of this size.
+fn bell((f, r, c): (usize, usize, usize), (_, rows, columns): (usize, usize, usize)) -> f64 {
+    let [y, x] = [r as f64 / rows as f64 - 0.4, c as f64 / columns as f64 - 0.3];
+    let x = x - 0.03 * f as f64;
+    (-(x * x + y * y) / 0.01).exp()
+}
+
 /// Frames of a bell that moves over noise, NaN outside the mask.
 pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
     let mut random = Random::new(5);
-    let (rows, columns) = mask.dim();
-    Array3::from_shape_fn((frames, rows, columns), |(f, r, c)| {
+    let size = (frames, mask.nrows(), mask.ncols());
+    Array3::from_shape_fn(size, |(f, r, c)| {
         let noise = 0.05 * random.between(-1.0, 1.0);
-        let [y, x] = [r as f64 / rows as f64 - 0.4, c as f64 / columns as f64 - 0.3];
-        let x = x - 0.03 * f as f64;
-        if mask[[r, c]] { 1e-6 * ((-(x * x + y * y) / 0.01).exp() + noise) } else { f64::NAN }
+        if mask[[r, c]] { 1e-6 * (bell((f, r, c), size) + noise) } else { f64::NAN }
     })
 }
 
@@ -31,11 +43,7 @@ pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
 pub fn shard(frames: usize, pixels: usize) -> eit_denoise::Shard {
     let mask = disc(pixels, pixels);
     let noisy = touched(frames, &mask);
-    let clean = Array3::from_shape_fn(noisy.dim(), |(f, r, c)| {
-        let [y, x] = [r as f64 / pixels as f64 - 0.4, c as f64 / pixels as f64 - 0.3];
-        let x = x - 0.03 * f as f64;
-        2e-6 * (-(x * x + y * y) / 0.01).exp()
-    });
+    let clean = Array3::from_shape_fn(noisy.dim(), |at| 2e-6 * bell(at, noisy.dim()));
     let stack = |images: Array3<f64>| ImageStack::new(images, mask.clone()).unwrap();
     eit_denoise::Shard::new(&stack(noisy), &stack(clean)).unwrap()
 }
@@ -50,14 +58,8 @@ pub fn weights(shape: UnetShape, pixels: [usize; 2]) -> Weights {
         parameters.extend((0..c[0]).map(|_| random.between(-0.1, 0.1)));
     }
     let parameters = parameters.into_iter().map(|w| w as f32).collect();
-    Weights {
-        shape,
-        parameters,
-        skin: "test".to_owned(),
-        pixels,
-        about: BTreeMap::new(),
-        model_error: None,
-    }
+    let (skin, about) = ("test".to_owned(), BTreeMap::new());
+    Weights { shape, parameters, skin, pixels, about, model_error: None }
 }
 
 /// [outputs, inputs, side] of all convolutions.
@@ -136,35 +138,30 @@ pub fn direct(weights: &Weights, inputs: Planes) -> Array2<f64> {
 pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array2<f64> {
     let mut rest = parameters.to_vec();
     let mut list = convolutions(shape).into_iter();
-    let mut apply = |from: &Planes, positive: bool| {
+    let mut apply = |from: &Planes, least: f64| {
         let c = list.next().unwrap();
         let count = c[0] * c[1] * c[2] * c[2] + c[0];
         let own: Vec<f64> = rest.drain(..count).collect();
-        let mut made = convolve(&own, c, from);
-        if positive {
-            made.iter_mut().for_each(|p| p.mapv_inplace(|v| v.max(0.0)));
-        }
-        made
+        let made = convolve(&own, c, from);
+        made.into_iter().map(|p| p.mapv_into(|v| v.max(least))).collect::<Planes>()
     };
     let fold = shape.fold;
     let mut now: Planes = inputs.iter().flat_map(|plane| blocks(plane, fold)).collect();
     let mut skips = Vec::new();
     for level in 0..=shape.depth {
-        now = apply(&now, true);
-        now = apply(&now, true);
+        now = apply(&now, 0.0);
+        now = apply(&now, 0.0);
         if level < shape.depth {
             skips.push(now.clone());
-            now = now
-                .iter()
-                .map(|p| {
-                    Array2::from_shape_fn((p.nrows() / 2, p.ncols() / 2), |(r, c)| {
-                        let four = [[0, 0], [0, 1], [1, 0], [1, 1]];
-                        four.map(|[y, x]| p[[2 * r + y, 2 * c + x]])
-                            .into_iter()
-                            .fold(f64::MIN, f64::max)
-                    })
+            let halve = |p: &Array2<f64>| {
+                Array2::from_shape_fn((p.nrows() / 2, p.ncols() / 2), |(r, c)| {
+                    let four = [[0, 0], [0, 1], [1, 0], [1, 1]];
+                    four.map(|[y, x]| p[[2 * r + y, 2 * c + x]])
+                        .into_iter()
+                        .fold(f64::MIN, f64::max)
                 })
-                .collect();
+            };
+            now = now.iter().map(halve).collect();
         }
     }
     while let Some(mut joined) = skips.pop() {
@@ -172,10 +169,10 @@ pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array
             Array2::from_shape_fn((2 * p.nrows(), 2 * p.ncols()), |(r, c)| p[[r / 2, c / 2]])
         };
         joined.extend(now.iter().map(double));
-        now = apply(&joined, true);
-        now = apply(&now, true);
+        now = apply(&joined, 0.0);
+        now = apply(&now, 0.0);
     }
-    let made = apply(&now, false);
+    let made = apply(&now, f64::NEG_INFINITY);
     let (rows, columns) = made[0].dim();
     let made = Array2::from_shape_fn((fold * rows, fold * columns), |(r, c)| {
         made[(r % fold) * fold + c % fold][[r / fold, c / fold]]

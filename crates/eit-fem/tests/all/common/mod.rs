@@ -1,11 +1,31 @@
 //! Meshes, protocols and numbers for tests.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+#[cfg(feature = "fabric")]
+pub(crate) mod skins;
+pub(crate) mod textbook;
 
 use eit_fem::analytic::DiscSeries;
-use eit_fem::{ForwardModel, PairProtocol, Protocol};
-use eit_mesh::{Electrode, Mesh, Surface};
+use eit_fem::{DrivenElectrodes, ElementOrder, ForwardModel, PairProtocol, Protocol};
+use eit_mesh::{Electrode, Mesh, RimElectrodes, Surface};
 use fixtures::MeshArrays;
-use ndarray::Array1;
+use ndarray::{Array, Array1, ArrayView1, Dimension};
+use std::sync::LazyLock;
+
+pub(crate) const BOTH: [ElementOrder; 2] = [ElementOrder::Linear, ElementOrder::Quadratic];
+
+/// The paper's disc.
+pub(crate) const RADIUS_M: f64 = 0.1;
+pub(crate) const WIDTH_M: f64 = 0.0196;
+pub(crate) const CONDUCTIVITY_S: f64 = 1e-5;
+pub(crate) const IMPEDANCE_OHM_M: f64 = 1e3;
+
+pub(crate) fn paper_electrodes() -> RimElectrodes {
+    RimElectrodes::equally_spaced(16, WIDTH_M)
+}
+
+pub(crate) fn paper_protocol() -> Protocol {
+    PairProtocol::default().protocol().unwrap()
+}
 
 /// Builds a mesh from the arrays of a fixture.
 pub(crate) fn mesh_of(arrays: &MeshArrays) -> Mesh {
@@ -93,6 +113,25 @@ pub(crate) fn noise(seed: u64, count: usize) -> Vec<f64> {
     (0..count).map(|_| random.uniform()).collect()
 }
 
+/// The same triangles and electrodes with every node moved.
+pub(crate) fn moved(mesh: &Mesh, to: impl FnMut([f64; 3]) -> [f64; 3]) -> Mesh {
+    let nodes = mesh.surface().nodes().iter().copied().map(to).collect();
+    let surface = Surface::new(nodes, mesh.surface().triangles().to_vec()).unwrap();
+    Mesh::new(surface, mesh.electrodes().to_vec()).unwrap()
+}
+
+/// The same surface with other electrodes.
+pub(crate) fn with_electrodes(mesh: &Mesh, change: impl FnOnce(&mut Vec<Electrode>)) -> Mesh {
+    let mut electrodes = mesh.electrodes().to_vec();
+    change(&mut electrodes);
+    Mesh::new(mesh.surface().clone(), electrodes).unwrap()
+}
+
+/// [`ring_disc`] with a patch as its last electrode.
+pub(crate) fn patched_disc() -> Mesh {
+    with_electrodes(&ring_disc(8), |list| list[11] = Electrode::Patch(vec![0, 1, 2, 3]))
+}
+
 /// [`ring_disc`] with a curved rim: the midpoints of rim edges lie on the circle.
 pub(crate) fn round_disc(rings: usize) -> Mesh {
     let mesh = ring_disc(rings);
@@ -111,24 +150,102 @@ pub(crate) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
+/// Largest difference, relative to the largest value.
+pub(crate) fn relative<D: Dimension>(found: &Array<f64, D>, wanted: &Array<f64, D>) -> f64 {
+    largest(&(found - wanted)) / largest(wanted)
+}
+
+/// Exchanging current and voltage changes nothing: both values come from one symmetric matrix.
+pub(crate) fn assert_reciprocal(protocol: &Protocol, v: &Array1<f64>) {
+    let quadruples = protocol.quadruples().unwrap();
+    for (i, &[a, b, m, n]) in quadruples.iter().enumerate() {
+        let j = quadruples.iter().position(|&q| q == [m, n, a, b]).unwrap();
+        assert!((v[i] - v[j]).abs() < 1e-13 * largest(v), "{i} {j}");
+    }
+}
+
+/// Orders of convergence in the edge length, which is 1 / sqrt(nodes), between successive meshes.
+pub(crate) fn orders(nodes: &[usize], errors: &[f64]) -> Vec<f64> {
+    let pairs = nodes.windows(2).zip(errors.windows(2));
+    pairs.map(|(n, e)| 2.0 * (e[0] / e[1]).ln() / (n[1] as f64 / n[0] as f64).ln()).collect()
+}
+
+/// Orders of convergence between meshes of halved edges.
+pub(crate) fn halving_orders(errors: &[f64]) -> Vec<f64> {
+    errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect()
+}
+
+/// `(8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h`, with the error `h^4 f^(5) / 30`.
+pub(crate) fn five_points(h: f64, at: impl Fn(f64) -> Array1<f64>) -> Array1<f64> {
+    (8.0 * (at(h) - at(-h)) - (at(2.0 * h) - at(-2.0 * h))) / (12.0 * h)
+}
+
+/// Checks that the remainder `|V(t) - V(0) - t J|` falls as `t^2` between halved steps, and that the
+/// derivative is not zero.
+///
+/// The remainder is `t^2 |V''| / 2 + t^3 ..`. With a step of a few per cent of what it changes, the
+/// slope is 2 to within 2 %. Rounding (1e-14 of the voltages) stays four digits below the last
+/// remainder.
+pub(crate) fn assert_slope_two(
+    what: &str,
+    slope: ArrayView1<'_, f64>,
+    step: f64,
+    at: impl Fn(f64) -> Array1<f64>,
+) {
+    let zero = at(0.0);
+    let remainders =
+        [step, 0.5 * step, 0.25 * step].map(|t| largest(&(at(t) - &zero - &(&slope * t))));
+    let slopes = halving_orders(&remainders);
+    assert!(slopes.iter().all(|s| (s - 2.0).abs() < 0.1), "{what}: {slopes:?} {remainders:?}");
+    assert!(largest(slope) * step > 10.0 * remainders[0], "{what}: first order, {remainders:?}");
+}
+
 /// Adjacent pairs, one ampere.
 pub(crate) fn adjacent(electrodes: usize) -> Protocol {
     PairProtocol { electrodes, current_a: 1.0, ..Default::default() }.protocol().unwrap()
 }
 
+/// Adjacent pairs of 12 electrodes, half an ampere, with the measurements on driven electrodes,
+/// where contacts matter most.
+pub(crate) fn kept() -> Protocol {
+    let driven_electrodes = DrivenElectrodes::Keep;
+    PairProtocol { electrodes: 12, driven_electrodes, current_a: 0.5, ..Default::default() }
+        .protocol()
+        .unwrap()
+}
+
+pub(crate) fn model_of(
+    mesh: &Mesh,
+    protocol: &Protocol,
+    impedance: &[f64],
+    order: ElementOrder,
+) -> ForwardModel {
+    ForwardModel::with_element_order(mesh, protocol, impedance, order).unwrap()
+}
+
+/// Voltages of a sheet of one conductivity.
+pub(crate) fn even(model: &ForwardModel, conductivity_s: f64) -> Array1<f64> {
+    model.forward(&vec![conductivity_s; model.elements()]).unwrap()
+}
+
+/// Random numbers from `least` to `least + 1`.
+pub(crate) fn uneven(seed: u64, count: usize, least: f64) -> Vec<f64> {
+    noise(seed, count).iter().map(|x| least + x).collect()
+}
+
 /// Conductivities from 0.5 to 1.5.
 pub(crate) fn random_conductivity(model: &ForwardModel, seed: u64) -> Vec<f64> {
-    noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect()
+    uneven(seed, model.elements(), 0.5)
 }
 
 /// The paper's disc with 16 electrodes, mesh-free.
 pub(crate) fn paper_series(degree: usize, harmonics: usize) -> DiscSeries {
     DiscSeries {
-        radius_m: 0.1,
-        conductivity_s: 1e-5,
+        radius_m: RADIUS_M,
+        conductivity_s: CONDUCTIVITY_S,
         electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
-        electrode_width_m: 0.0196,
-        contact_impedance_ohm_m: 1e3,
+        electrode_width_m: WIDTH_M,
+        contact_impedance_ohm_m: IMPEDANCE_OHM_M,
         degree,
         harmonics,
     }
@@ -147,25 +264,26 @@ pub(crate) fn series_voltages(
     protocol.data().iter().map(voltage).collect()
 }
 
-/// Voltages of [`paper_series`] for adjacent pairs.
-pub(crate) fn paper_voltages(degree: usize, harmonics: usize) -> Array1<f64> {
-    let protocol = PairProtocol::default().protocol().unwrap();
-    series_voltages(&paper_series(degree, harmonics), &protocol, &[1e3; 16])
-}
+/// Voltages of [`paper_series`] for adjacent pairs: with few and with many terms.
+pub(crate) static PAPER_VOLTAGES: LazyLock<[Array1<f64>; 2]> = LazyLock::new(|| {
+    [(12, 2000), (16, 4000)].map(|(degree, harmonics)| {
+        series_voltages(&paper_series(degree, harmonics), &paper_protocol(), &[IMPEDANCE_OHM_M; 16])
+    })
+});
 
 /// A strip with randomly displaced inner nodes, to avoid symmetry.
 pub(crate) fn rough_strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
     let even = strip(length, width, columns, rows);
     let shifts = noise(11, 2 * even.surface().nodes().len());
+    let mut shifts = shifts.chunks_exact(2);
     let step = (length / columns as f64).min(width / rows as f64);
     let inside = |x: f64, size: f64| x > 1e-9 * size && x < (1.0 - 1e-9) * size;
-    let nodes = even.surface().nodes().iter().zip(shifts.chunks_exact(2)).map(|(p, shift)| {
+    moved(&even, |p| {
+        let shift = shifts.next().unwrap();
         let free = inside(p[0], length) && inside(p[1], width);
         let by = |k: usize| if free { 0.5 * step * (shift[k] - 0.5) } else { 0.0 };
         [p[0] + by(0), p[1] + by(1), 0.0]
-    });
-    let surface = Surface::new(nodes.collect(), even.surface().triangles().to_vec()).unwrap();
-    Mesh::new(surface, even.electrodes().to_vec()).unwrap()
+    })
 }
 
 /// Checks that a call fails with this message, in one line.

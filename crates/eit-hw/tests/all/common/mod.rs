@@ -5,8 +5,8 @@ pub mod instruments;
 pub mod recordings;
 pub mod wire;
 
-use std::collections::HashSet;
 use std::net::Ipv4Addr;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use eit_hw::emulator::Listen;
@@ -23,39 +23,50 @@ pub fn own_port() -> Listen {
     Listen::Tcp(format!("{}:0", Ipv4Addr::from(host)))
 }
 
+/// Drives (d, d+gap), measured pairs (m, m+1) of `count` electrodes from `first(d)` on.
+fn pairs(n: u32, gap: u32, count: u32, first: fn(u32) -> u32) -> Vec<Quadruple> {
+    let drive = |d| {
+        (first(d)..first(d) + count)
+            .map(move |m| [d, d + gap, m, m + 1].map(|electrode| electrode % n))
+    };
+    (0..n).flat_map(drive).collect()
+}
+
 /// Adjacent drive (d, d+1), measured pairs (d+2+k, d+3+k) mod n.
 pub fn rotated(n: u32) -> Vec<Quadruple> {
-    (0..n)
-        .flat_map(|d| (0..n - 3).map(move |k| [d, (d + 1) % n, (d + 2 + k) % n, (d + 3 + k) % n]))
-        .collect()
+    pairs(n, 1, n - 3, |d| d + 2)
 }
 
 /// Adjacent drive (d, d+1), all measured pairs (m, m+1) by m.
 pub fn ascending_kept(n: u32) -> Vec<Quadruple> {
-    (0..n).flat_map(|d| (0..n).map(move |m| [d, (d + 1) % n, m, (m + 1) % n])).collect()
+    pairs(n, 1, n, |_| 0)
 }
 
 /// [`ascending_kept`] without measured pairs that include a driven electrode.
 pub fn ascending(n: u32) -> Vec<Quadruple> {
-    ascending_kept(n)
-        .into_iter()
-        .filter(|quadruple| quadruple.iter().collect::<HashSet<_>>().len() == 4)
-        .collect()
+    apart(ascending_kept(n))
 }
 
 /// Adjacent drive (d, d+1), all measured pairs (d+k, d+k+1) mod n.
 pub fn rotated_kept(n: u32) -> Vec<Quadruple> {
-    (0..n)
-        .flat_map(|d| (0..n).map(move |k| [d, (d + 1) % n, (d + k) % n, (d + k + 1) % n]))
-        .collect()
+    pairs(n, 1, n, |d| d)
 }
 
 /// Drive (d, d+8), measured pairs (m, m+1) by m without a driven electrode.
 pub fn opposite(n: u32) -> Vec<Quadruple> {
-    (0..n)
-        .flat_map(|d| (0..n).map(move |m| [d, (d + n / 2) % n, m, (m + 1) % n]))
-        .filter(|quadruple| quadruple.iter().collect::<HashSet<_>>().len() == 4)
-        .collect()
+    apart(pairs(n, n / 2, n, |_| 0))
+}
+
+fn apart(mut quadruples: Vec<Quadruple>) -> Vec<Quadruple> {
+    quadruples.retain(|[a, b, m, n]| ![m, n].contains(&a) && ![m, n].contains(&b));
+    quadruples
+}
+
+/// A place for a file of this name, in a folder of its own.
+pub fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
 }
 
 /// Parses the content of a file `f.FORMAT`.
@@ -84,4 +95,14 @@ pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
         potential(m) - potential(n)
     };
     quadruples.iter().map(voltage).collect()
+}
+
+/// Asserts that the error message is one line and contains all of `parts`.
+#[track_caller]
+pub fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
+    let message = result.err().expect("refused").to_string();
+    assert!(!message.contains('\n'), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "`{part}` is not in: {message}");
+    }
 }

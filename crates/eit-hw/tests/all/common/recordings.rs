@@ -1,7 +1,12 @@
 //! Recordings and containers for tests.
 
-use eit_hw::capture::{MAGIC, SessionRecord, UnitName};
-use eit_hw::{Frame, Quality};
+use std::ops::Range;
+use std::path::Path;
+use std::time::Duration;
+
+use eit_hw::capture::{CaptureSettings, CaptureWriter, Entry, MAGIC, SessionRecord, UnitName};
+use eit_hw::driver::{Event, FrameSource as _, Replay};
+use eit_hw::{Frame, HwError, Quality};
 
 use super::rotated;
 
@@ -34,6 +39,57 @@ pub fn frame(sequence: u64) -> Frame {
         device_time_s: Some(sequence as f64 / 25.0),
         host_time_s: Some(1.79e9 + sequence as f64 / 25.0),
     }
+}
+
+/// Begins a recording of [`session`].
+pub fn create(path: &Path) -> Result<CaptureWriter, HwError> {
+    CaptureWriter::create(path, &session(), CaptureSettings::default())
+}
+
+/// Appends to a recording of [`session`].
+pub fn append(path: &Path) -> Result<CaptureWriter, HwError> {
+    CaptureWriter::append(path, &session(), CaptureSettings::default())
+}
+
+/// Writes a finished recording of these entries, the session first, with a chunk after every
+/// `per_chunk` of the others.
+pub fn recorded(path: &Path, entries: &[Entry], per_chunk: usize) -> Vec<u8> {
+    let Entry::Session(session) = &entries[0] else { panic!("a session comes first") };
+    let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
+    let mut writer = CaptureWriter::create(path, session, settings).unwrap();
+    for chunk in entries[1..].chunks(per_chunk) {
+        chunk.iter().for_each(|entry| writer.write(entry).unwrap());
+        writer.flush().unwrap();
+    }
+    writer.finish().unwrap();
+    std::fs::read(path).unwrap()
+}
+
+/// Returns the places of the chunks, from the container's layout: opcode, length, body.
+pub fn chunks(bytes: &[u8]) -> Vec<Range<usize>> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 9 <= bytes.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == 0x06 {
+            found.push(at..at + 9 + length);
+        }
+        at += 9 + length;
+    }
+    found
+}
+
+/// Replays a recording: its frames as `EPOCH.SEQUENCE`, then notices and other events.
+pub fn replayed(mut replay: Replay) -> Vec<String> {
+    let mut reported = Vec::new();
+    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
+        reported.push(match event {
+            Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
+            Event::Notice(text) => format!("notice: {text}"),
+            other => format!("{other:?}"),
+        });
+    }
+    assert!(replay.is_over());
+    reported
 }
 
 /// Returns a container of these records, without an index.
@@ -88,7 +144,7 @@ pub fn frame_json(values: &str) -> Vec<u8> {
 
 /// Returns `count` zeros for [`frame_json`].
 pub fn zeros(count: usize) -> String {
-    vec!["0"; count].join(",")
+    "0,".repeat(count - 1) + "0"
 }
 
 fn text(text: &str) -> Vec<u8> {

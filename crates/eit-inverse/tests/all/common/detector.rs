@@ -2,9 +2,6 @@
 //!
 //! The data come from a mesh of their own, which shares no position or integral with the detector's.
 
-#![allow(missing_docs, reason = "tests")]
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
-
 use super::{adjacent, disc, jacobian};
 use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use eit_mesh::Surface;
@@ -119,4 +116,11 @@ pub fn distance_m(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
 pub fn place(random: &mut Random, part: f64) -> [f64; 2] {
     let (r, angle) = (part * RADIUS_M * random.uniform().sqrt(), random.between(0.0, 6.3));
     [r * angle.cos(), r * angle.sin()]
+}
+
+/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 if `C` is the covariance of `p`.
+pub fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
+    let [x, y] = [0, 1].map(|k| touch.position_m[k] - at[k]);
+    let [[a, b, _], [_, d, _], _] = touch.position_covariance_m2;
+    (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
 }

@@ -1,12 +1,24 @@
 //! Small skins and analytic Jacobians built by hand, independent of the mesher and the solver.
 
-#![allow(missing_docs, reason = "tests")]
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
-
 pub mod detector;
 
+use eit_inverse::{Laplace, Noser};
 use eit_mesh::Surface;
+use faer::linalg::solvers::Solve;
 use ndarray::Array2;
+
+/// The prior `R = I`.
+pub const IDENTITY: Noser = Noser { exponent: 0.0 };
+
+/// `R` as a matrix.
+pub fn precision(prior: &Laplace, elements: usize) -> Array2<f64> {
+    let mut matrix = Array2::eye(elements);
+    for mut column in matrix.columns_mut() {
+        let unit = column.to_vec();
+        column.assign(&prior.precision_times(&unit).unwrap());
+    }
+    matrix
+}
 
 /// Disc of concentric rings; ring k has 6 k nodes, so triangles are near-equilateral.
 pub fn disc(radius_m: f64, rings: usize) -> Surface {
@@ -44,9 +56,7 @@ pub fn disc(radius_m: f64, rings: usize) -> Surface {
 /// Parallelogram of `n` x `n` pairs of equilateral triangles of edge `1 / n` metres.
 pub fn equilateral(n: usize) -> Surface {
     let h = 1.0 / n as f64;
-    let place =
-        |i: usize, j: usize| [h * (i as f64 + 0.5 * j as f64), h * j as f64 * 0.75_f64.sqrt(), 0.0];
-    grid(n, place)
+    grid(n, |i, j| [h * (i as f64 + 0.5 * j as f64), h * j as f64 * 0.75_f64.sqrt(), 0.0])
 }
 
 /// `n` x `n` cells cut along one diagonal, with nodes placed by `place(i, j)`.
@@ -65,15 +75,9 @@ pub fn grid(n: usize, place: impl Fn(usize, usize) -> [f64; 3]) -> Surface {
 
 /// Quadruples [a, b, m, n] of adjacent drive and measurement without driven electrodes.
 pub fn adjacent(electrodes: usize) -> Vec<[usize; 4]> {
-    let next = |l: usize| (l + 1) % electrodes;
-    let mut quadruples = Vec::new();
-    for d in 0..electrodes {
-        for k in 2..electrodes - 1 {
-            let m = (d + k) % electrodes;
-            quadruples.push([d, next(d), m, next(m)]);
-        }
-    }
-    quadruples
+    let pair = |l: usize| [l % electrodes, (l + 1) % electrodes];
+    let of = |d: usize| (2..electrodes - 1).map(move |k| [pair(d), pair(d + k)]);
+    (0..electrodes).flat_map(of).map(|[[a, b], [m, n]]| [a, b, m, n]).collect()
 }
 
 /// Sensitivity of a homogeneous disc with point electrodes just outside its rim, volts per siemens.
@@ -84,71 +88,33 @@ pub fn adjacent(electrodes: usize) -> Vec<[usize; 4]> {
 /// radii, so that the gradient stays finite in the outermost elements; the field is then that of the plane,
 /// times two.
 pub fn jacobian(surface: &Surface, radius_m: f64, electrodes: usize) -> Array2<f64> {
-    let place = |l: usize| {
+    // field of a unit current out of an electrode
+    let push = |x: [f64; 3], l: usize| {
         let (sin, cos) = (std::f64::consts::TAU * l as f64 / electrodes as f64).sin_cos();
-        [1.02 * radius_m * cos, 1.02 * radius_m * sin]
-    };
-    let pull = |x: [f64; 3], l: usize| {
-        let [dx, dy] = [x[0] - place(l)[0], x[1] - place(l)[1]];
+        let [dx, dy] = [x[0] - 1.02 * radius_m * cos, x[1] - 1.02 * radius_m * sin];
         let r2 = dx * dx + dy * dy;
         [dx / r2 / std::f64::consts::PI, dy / r2 / std::f64::consts::PI]
     };
     let quadruples = adjacent(electrodes);
     let centroids = surface.centroids();
     Array2::from_shape_fn((quadruples.len(), centroids.len()), |(i, e)| {
-        let field = |a: usize, b: usize| {
-            let (p, q) = (pull(centroids[e], a), pull(centroids[e], b));
-            [q[0] - p[0], q[1] - p[1]]
-        };
-        let [a, b, m, n] = quadruples[i];
-        let (u, w) = (field(a, b), field(m, n));
-        -surface.areas_m2()[e] * (u[0] * w[0] + u[1] * w[1])
+        let [pa, pb, pm, pn] = quadruples[i].map(|l| push(centroids[e], l));
+        let products = (0..2).map(|k| (pb[k] - pa[k]) * (pn[k] - pm[k]));
+        -surface.areas_m2()[e] * products.sum::<f64>()
     })
 }
 
 /// Image of a round target, siemens, [element].
-pub fn target(surface: &Surface, centre_m: [f64; 2], radius_m: f64, change_s: f64) -> Vec<f64> {
-    surface
-        .centroids()
-        .iter()
-        .map(|c| {
-            let inside = (c[0] - centre_m[0]).hypot(c[1] - centre_m[1]) <= radius_m;
-            if inside { change_s } else { 0.0 }
-        })
-        .collect()
+pub fn target(surface: &Surface, [x, y]: [f64; 2], radius_m: f64, change_s: f64) -> Vec<f64> {
+    let value = |c: [f64; 3]| if (c[0] - x).hypot(c[1] - y) <= radius_m { change_s } else { 0.0 };
+    surface.centroids().into_iter().map(value).collect()
 }
 
-/// Solves `a x = b` by Gaussian elimination with partial pivoting: a reference that shares no code with the
-/// library.
-pub fn solve(mut a: Array2<f64>, mut b: Array2<f64>) -> Array2<f64> {
-    let n = a.nrows();
-    for k in 0..n {
-        let pivot = (k..n).max_by(|&i, &j| a[(i, k)].abs().total_cmp(&a[(j, k)].abs())).unwrap();
-        for j in 0..n {
-            a.swap((k, j), (pivot, j));
-        }
-        for j in 0..b.ncols() {
-            b.swap((k, j), (pivot, j));
-        }
-        for i in k + 1..n {
-            let factor = a[(i, k)] / a[(k, k)];
-            for j in k..n {
-                let x = a[(k, j)];
-                a[(i, j)] -= factor * x;
-            }
-            for j in 0..b.ncols() {
-                let x = b[(k, j)];
-                b[(i, j)] -= factor * x;
-            }
-        }
-    }
-    for k in (0..n).rev() {
-        for j in 0..b.ncols() {
-            let known: f64 = (k + 1..n).map(|i| a[(k, i)] * b[(i, j)]).sum();
-            b[(k, j)] = (b[(k, j)] - known) / a[(k, k)];
-        }
-    }
-    b
+/// Solves `a x = b` by Gaussian elimination with partial pivoting, which the library uses nowhere.
+pub fn solve(a: Array2<f64>, b: Array2<f64>) -> Array2<f64> {
+    let mat = |x: &Array2<f64>| faer::Mat::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)]);
+    let x = mat(&a).partial_piv_lu().solve(mat(&b));
+    Array2::from_shape_fn(b.dim(), |(i, j)| x[(i, j)])
 }
 
 /// Returns the largest difference relative to the largest entry of `b`.

@@ -1,13 +1,24 @@
 //! Small sequence problems with an explicit evaluation of their objective.
 
-#![allow(missing_docs, reason = "tests")]
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
-
 use eit_inverse::{
     DifferenceFrames, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
     StTvSettings, Stop,
 };
+use fixtures::st_tv::StTvProblem;
 use ndarray::{Array1, Array2};
+
+pub fn gap(target_gap: f64) -> Stop {
+    Stop { target_gap, ..Default::default() }
+}
+
+/// The reference problem of so many pixels a side and what is known of it.
+pub fn reference(pixels: usize) -> Option<(StTvProblem, Problem)> {
+    let reference = fixtures::st_tv::load(pixels).unwrap()?;
+    let gradient = Gradient::pixels(&reference.mask, 1.0).unwrap();
+    let problem = Problem::new(reference.jacobian.clone(), gradient, reference.values.clone())
+        .with_weights(reference.lambda, reference.lambda);
+    Some((reference, problem))
+}
 
 /// Complete input of a solve.
 #[derive(Debug, Clone)]
@@ -20,13 +31,6 @@ pub struct Problem {
     pub values: Array2<f64>,
     /// `[frame, measurement]`.
     pub good: Option<Array2<bool>>,
-}
-
-/// Objective of a sequence: data term and variation.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Objective {
-    pub data: f64,
-    pub variation: f64,
 }
 
 impl Problem {
@@ -59,6 +63,14 @@ impl Problem {
 
     pub fn solve(&self, stop: &Stop) -> ImageSequence {
         self.try_solve(stop).unwrap()
+    }
+
+    /// The result of a solve that reaches its gap.
+    pub fn converged(&self, stop: &Stop) -> ImageSequence {
+        let sequence = self.solve(stop);
+        self.check(&sequence, stop);
+        assert_eq!(sequence.report.status, SequenceStatus::Converged, "{:?}", sequence.report);
+        sequence
     }
 
     pub fn frames(&self) -> usize {
@@ -112,27 +124,21 @@ impl Problem {
     }
 
     /// The objective of a sequence within the bounds.
-    pub fn objective(&self, images: &Array2<f64>) -> Objective {
+    pub fn objective(&self, images: &Array2<f64>) -> f64 {
         let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
-        let data = match fidelity {
+        let data: f64 = match fidelity {
             Fidelity::Constrained { .. } => 0.0,
             _ => self.residuals(images).iter().map(|r| 0.5 * r * r).sum(),
         };
         let in_space = |image: ndarray::ArrayView1<'_, f64>| {
             self.gradient.total_variation(&image.to_vec()).unwrap()
         };
-        let space: f64 = images.rows().into_iter().map(in_space).sum();
-        let mut time = 0.0;
-        for (before, after) in images.rows().into_iter().zip(images.rows().into_iter().skip(1)) {
-            let areas = self.gradient.areas_m2();
-            time += before
-                .iter()
-                .zip(after)
-                .zip(areas)
-                .map(|((b, a), w)| w * (a - b).abs())
-                .sum::<f64>();
-        }
-        Objective { data, variation: lambda_space * space + lambda_time * time }
+        let space: f64 = images.outer_iter().map(in_space).sum();
+        let areas = Array1::from(self.gradient.areas_m2().to_vec());
+        let pairs = images.outer_iter().zip(images.outer_iter().skip(1));
+        let time: f64 =
+            pairs.map(|(before, after)| (&after - &before).mapv(f64::abs).dot(&areas)).sum();
+        data + lambda_space * space + lambda_time * time
     }
 
     /// Half the squared whitened data: the objective of the zero sequence in the penalised form, and the
@@ -149,72 +155,50 @@ impl Problem {
             Fidelity::Constrained { .. } => 0.0,
             _ => self.size(),
         };
-        let mut weights =
-            self.gradient.areas_m2().iter().map(|a| 2.0 * lambda_time * a).collect::<Vec<_>>();
+        let mut weights = 2.0 * lambda_time * Array1::from(self.gradient.areas_m2().to_vec());
         for row in 0..self.gradient.rows() {
             let (columns, values) = self.gradient.row(row);
-            columns
-                .iter()
-                .zip(values)
-                .for_each(|(&p, v)| weights[p as usize] += lambda_space * v.abs());
+            let entries = columns.iter().zip(values);
+            entries.for_each(|(&p, v)| weights[p as usize] += lambda_space * v.abs());
         }
-        let frames = images.rows().into_iter();
-        let variation: f64 =
-            frames.map(|x| x.iter().zip(&weights).map(|(x, w)| w * x.abs()).sum::<f64>()).sum();
+        let variation = images.mapv(f64::abs).dot(&weights).sum();
         1e-13 * data + 1e-15 * variation
     }
 
     /// Checks the properties of every result: images exactly within bounds, report and objective equal to
     /// those computed here, and a gap that is not negative and, if the status says so, within the target.
-    pub fn check(&self, sequence: &ImageSequence, stop: &Stop) -> Result<(), String> {
+    pub fn check(&self, sequence: &ImageSequence, stop: &Stop) {
+        let ImageSequence { images, report, .. } = sequence;
         let bounds = self.settings.lower_s..=self.settings.upper_s;
-        let ensure = |truth: bool, what: String| if truth { Ok(()) } else { Err(what) };
-        ensure(
-            sequence.images.iter().all(|x| x.is_finite() && bounds.contains(x)),
-            "bounds".into(),
-        )?;
-        let certificate = sequence.report.certificate.ok_or("no certificate")?;
+        assert!(images.iter().all(|x| x.is_finite() && bounds.contains(x)), "bounds");
+        let certificate = report.certificate.unwrap();
+        let is_converged = report.status == SequenceStatus::Converged;
         if certificate.primal == f64::INFINITY {
             // no feasible image was found in time, which can only happen with constraints
-            let unsolved = sequence.report.status != SequenceStatus::Converged;
-            return ensure(unsolved && self.radius(0).is_some(), "no primal value".into());
+            assert!(!is_converged && self.radius(0).is_some(), "{report:?}");
+            return;
         }
-        let Objective { data, variation } = self.objective(&sequence.images);
-        let (found, wanted) = (certificate.primal, data + variation);
+        let (found, wanted) = (certificate.primal, self.objective(images));
         // rounding of sums, and of residuals as differences of values as large as the data
-        let floor = self.rounding(&sequence.images);
-        ensure(
-            (found - wanted).abs() <= 1e-9 * wanted + floor,
-            format!("primal value {found:e}, images have {data:e} + {variation:e}"),
-        )?;
+        let floor = self.rounding(images);
+        let off = (found - wanted).abs();
+        assert!(off <= 1e-9 * wanted + floor, "primal value {found:e}, images have {wanted:e}");
         let root = (2.0 * self.size()).sqrt();
-        for (t, (found, wanted)) in
-            sequence.report.residual.iter().zip(self.residuals(&sequence.images)).enumerate()
-        {
+        for (t, (found, wanted)) in report.residual.iter().zip(self.residuals(images)).enumerate() {
             // the unexplained part of the data is a difference of squares of up to 26 terms: tolerance is
             // the root of their rounding error
-            ensure(
-                (found - wanted).abs() <= 1e-9 * wanted + 1e-7 * root,
-                format!("residual of frame {t} {found:e}, images have {wanted:e}"),
-            )?;
+            let off = (found - wanted).abs();
+            assert!(off <= 1e-9 * wanted + 1e-7 * root, "frame {t}: {found:e}, not {wanted:e}");
             if let Some(delta) = self.radius(t) {
-                ensure(
-                    wanted <= delta * (1.0 + 1e-8) + 1e-13 * root,
-                    format!("residual of frame {t} {wanted:e} above delta {delta:e}"),
-                )?;
+                let is_met = wanted <= delta * (1.0 + 1e-8) + 1e-13 * root;
+                assert!(is_met, "frame {t}: {wanted:e} above {delta:e}");
             }
         }
         // a residual up to 1e-9 above its delta counts as feasible; this lowers the objective by that times
         // the multiplier times delta, which is at most a few times the objective
         let slack = if self.radius(0).is_some() { 1e-8 } else { 1e-12 };
-        ensure(
-            certificate.lower_bound <= certificate.primal * (1.0 + slack) + floor,
-            format!("bounds cross: {certificate:?}"),
-        )?;
-        ensure(
-            sequence.report.status != SequenceStatus::Converged
-                || certificate.relative_gap() <= stop.target_gap,
-            format!("gap {:e} is above the target", certificate.relative_gap()),
-        )
+        let highest = certificate.primal * (1.0 + slack) + floor;
+        assert!(certificate.lower_bound <= highest, "bounds cross: {certificate:?}");
+        assert!(!is_converged || certificate.relative_gap() <= stop.target_gap, "{certificate:?}");
     }
 }

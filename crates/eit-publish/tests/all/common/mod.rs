@@ -1,7 +1,6 @@
 //! Frames for the tests of sinks.
-#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
-use eit_publish::Start;
+use eit_publish::{SCHEMA, Start, UdpSink};
 use eit_skin::faults::{ElectrodeFault, FaultKind};
 use eit_skin::{Touch, TouchFrame, TouchState};
 
@@ -52,6 +51,18 @@ pub fn frame<'a>(
     }
 }
 
+/// Four outline points and eight electrodes of 10 mm.
+#[cfg(any(feature = "foxglove", feature = "web", feature = "zenoh"))]
+pub fn shape() -> eit_publish::SkinShape {
+    let electrode = |start: f64| vec![[start, 0.0], [start + 0.01, 0.0]];
+    eit_publish::SkinShape {
+        name: "arm".into(),
+        outlines_m: vec![vec![[0.0, 0.0], [0.2, 0.0], [0.2, 0.1], [0.0, 0.1]]],
+        electrodes_m: (0..8).map(|n| electrode(0.02 * f64::from(n))).collect(),
+        extent_m: [0.0, 0.2, 0.0, 0.1],
+    }
+}
+
 /// A skin that is live.
 pub fn start() -> Start<'static> {
     Start {
@@ -74,4 +85,33 @@ pub fn endpoint() -> String {
     let host = if cfg!(target_os = "linux") { [127, high, low, own] } else { [127, 0, 0, 1] };
     let listener = std::net::TcpListener::bind((std::net::Ipv4Addr::from(host), 0)).unwrap();
     format!("tcp/{}", listener.local_addr().unwrap())
+}
+
+/// Waits for a condition, with a limit.
+pub fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
+    let start = std::time::Instant::now();
+    while !is_so() {
+        assert!(start.elapsed().as_secs() < 20, "{what}");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+}
+
+/// A receiver of datagrams, and a sink that sends them.
+pub fn datagrams() -> (std::net::UdpSocket, UdpSink) {
+    let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+    let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
+    (receiver, sink)
+}
+
+/// The line of the next datagram.
+pub fn received(receiver: &std::net::UdpSocket) -> serde_json::Value {
+    let mut datagram = [0; 65_536];
+    let size = receiver.recv(&mut datagram).unwrap();
+    serde_json::from_slice(&datagram[..size]).unwrap()
+}
+
+/// The schema of every line.
+pub fn schema() -> jsonschema::Validator {
+    jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap()
 }

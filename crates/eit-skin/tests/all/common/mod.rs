@@ -1,19 +1,19 @@
 //! Touches on a simulated fabric, from a seeded script to their score.
 
-#![allow(missing_docs, reason = "tests")]
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
-
+#[cfg(feature = "learn")]
+pub mod presses;
 pub mod score;
 pub mod script;
 pub mod source;
 
 use eit_skin::eit_fem::fabric::{PlayCircle, Random, SimulationSettings, TouchScript, TrueTouch};
 use eit_skin::eit_mesh::Raster;
-use eit_skin::ndarray::Array2;
+use eit_skin::ndarray::{Array2, Axis};
 use eit_skin::scene::{Reference, Scene};
 use eit_skin::touches::{Touches, touches};
 use eit_skin::{FittedFrames, LinearisedSkin, MeshOverride, Progress, Skin};
-use script::{QUIET_FRAMES, RATE_HZ};
+use score::Score;
+use script::{Drawn, QUIET_FRAMES, RATE_HZ};
 use std::sync::{Arc, LazyLock};
 
 /// Nodes of the mesh that simulates; the one that reconstructs is the scene's own.
@@ -22,34 +22,66 @@ const NODES: usize = 3000;
 /// Pixels of the truth's images, which no test uses.
 const PIXELS: usize = 8;
 
+/// Seeds of scripts and fabrics: most scripts are drawn three times.
+pub const SEEDS: [u64; 3] = [71, 81, 91];
+
 /// A skin twice: for simulation, and for finding touches.
 pub struct Bench {
     simulated: Skin,
     raster: Raster,
-    linearised: Arc<LinearisedSkin>,
+    pub linearised: Arc<LinearisedSkin>,
 }
 
-static BENCH: LazyLock<Bench> = LazyLock::new(|| Bench::of("paper-disc"));
+pub static PAPER: LazyLock<Bench> = LazyLock::new(|| Bench::of("paper-disc"));
+
+/// Six fingers that land at once, in regular hexagons on the paper's skin.
+pub static HEXAGONS: LazyLock<Vec<Recording>> = LazyLock::new(|| {
+    PAPER.draw(SEEDS, 6, |drawn, _| {
+        for (radius_m, angle) in [(0.06, 0.0), (0.06, 0.2), (0.05, 0.4), (0.07, 0.1)] {
+            drawn.ring(radius_m, angle, 1.5);
+        }
+    })
+});
+
+/// The skin of a scene on a mesh of this many nodes.
+pub fn meshed(scene: &Scene, nodes: usize) -> Skin {
+    let mesh = MeshOverride { nodes: Some(nodes), ..Default::default() };
+    Skin::set_up(scene, &mesh, &mut Progress::silent()).unwrap()
+}
+
+/// Settings that `eit simulate` writes into its scene.
+pub fn quiet_first(mut skin: Skin) -> Arc<LinearisedSkin> {
+    let quiet = format!("0..{QUIET_FRAMES}");
+    skin.settings.recording.frame_rate_hz = Some(RATE_HZ);
+    skin.settings.noise.quiet_frames = Some(quiet.parse().unwrap());
+    skin.settings.recording.reference = Some(Reference::Text(quiet));
+    Arc::new(skin.linearise(&mut Progress::silent()).unwrap())
+}
+
+pub fn fit(linearised: &Arc<LinearisedSkin>, values: &Array2<f64>) -> FittedFrames {
+    linearised.fit(linearised.skin.frames_of_values(values).unwrap()).unwrap()
+}
+
+pub fn touches_of(fitted: &FittedFrames) -> Touches {
+    touches(fitted, &mut Progress::silent()).unwrap().unwrap()
+}
 
 impl Bench {
-    /// A built-in scene.
     pub fn of(name: &str) -> Self {
-        Self::believing(Scene::load(name).unwrap(), Scene::load(name).unwrap())
+        Self::of_text(&Scene::text(name).unwrap())
+    }
+
+    /// A scene that is measured, and taken for what it is.
+    pub fn of_text(text: &str) -> Self {
+        let scene = Scene::parse(text, "scene").unwrap();
+        Self::believing(&scene, &scene)
     }
 
     /// One scene is measured, the frames are taken for those of another.
-    pub fn believing(measured: Scene, scene: Scene) -> Self {
-        let mut progress = Progress::silent();
-        let mesh = MeshOverride { nodes: Some(NODES), ..Default::default() };
-        let simulated = Skin::set_up(&measured, &mesh, &mut progress).unwrap();
+    pub fn believing(measured: &Scene, scene: &Scene) -> Self {
+        let simulated = meshed(measured, NODES);
         let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
-        // what `eit simulate` writes into its scene
-        let mut skin = Skin::from_scene(scene).unwrap();
-        let quiet = format!("0..{QUIET_FRAMES}");
-        skin.settings.recording.frame_rate_hz = Some(RATE_HZ);
-        skin.settings.noise.quiet_frames = Some(quiet.parse().unwrap());
-        skin.settings.recording.reference = Some(Reference::Text(quiet));
-        let linearised = Arc::new(skin.linearise(&mut progress).unwrap());
+        let linearised = quiet_first(Skin::from_scene(scene.clone()).unwrap());
         Self { simulated, raster, linearised }
     }
 
@@ -61,7 +93,21 @@ impl Bench {
         Recording { values: made.frames_v, truth: made.truth.touches }
     }
 
-    /// A built-in script on this skin.
+    /// Draws and simulates a script with each seed.
+    pub fn draw(
+        &self,
+        seeds: impl IntoIterator<Item = u64>,
+        fingers: u32,
+        draw: impl Fn(&mut Drawn, u64),
+    ) -> Vec<Recording> {
+        let recording = |seed| {
+            let mut drawn = Drawn::new(seed, fingers);
+            draw(&mut drawn, seed);
+            self.simulate(&drawn.script(), seed)
+        };
+        seeds.into_iter().map(recording).collect()
+    }
+
     pub fn script(&self, name: &str, seed: u64) -> TouchScript {
         let circle = PlayCircle::of(&self.simulated.mesh);
         let mut script = TouchScript::built_in(name, &circle, seed).unwrap();
@@ -70,15 +116,25 @@ impl Bench {
         script
     }
 
-    /// Frames fitted to the model, with default settings.
     pub fn fit(&self, recording: &Recording) -> FittedFrames {
-        let frames = self.linearised.skin.frames_of_values(&recording.values).unwrap();
-        self.linearised.fit(frames).unwrap()
+        fit(&self.linearised, &recording.values)
     }
 
-    /// Touches as returned to every user of the library.
     pub fn touches(&self, recording: &Recording) -> Touches {
-        touches(&self.fit(recording), &mut Progress::silent()).unwrap().unwrap()
+        touches_of(&self.fit(recording))
+    }
+
+    pub fn score(&self, recordings: &[Recording]) -> Score {
+        let mut score = Score::default();
+        recordings.iter().for_each(|recording| score.add(recording, &self.touches(recording)));
+        score
+    }
+
+    /// Measurements that an electrode drives or measures.
+    pub fn measurements_of(&self, electrode: usize) -> Vec<usize> {
+        let quadruples = self.simulated.protocol.quadruples().unwrap();
+        let involves = |i: &usize| quadruples[*i].contains(&(electrode as u32));
+        (0..quadruples.len()).filter(involves).collect()
     }
 }
 
@@ -91,26 +147,20 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// On the paper's skin.
-    pub fn simulate(script: &TouchScript, seed: u64) -> Self {
-        BENCH.simulate(script, seed)
+    /// Frames turned about their reference: touches seem to lower the conductivity.
+    pub fn turned(&self) -> Self {
+        let quiet = self.values.slice_axis(Axis(0), (..QUIET_FRAMES).into());
+        let quiet = quiet.mean_axis(Axis(0)).unwrap();
+        Self { values: 2.0 * &quiet - &self.values, truth: self.truth.clone() }
     }
 
-    /// Fitted to the paper's skin.
-    pub fn fitted(&self) -> FittedFrames {
-        BENCH.fit(self)
+    pub fn largest_v(&self) -> f64 {
+        self.values.iter().fold(0.0, |most, v| most.max(v.abs()))
     }
 
-    /// On the paper's skin.
-    pub fn touches(&self) -> Touches {
-        BENCH.touches(self)
-    }
-
-    /// Opens an electrode in these frames: no current flows through it and its inputs float, so what it
-    /// drives or measures is noise of a tenth of the largest voltage.
+    /// Opens an electrode: its inputs float, so what it drives or measures is noise of a tenth of the largest voltage.
     pub fn open(&mut self, electrode: usize, frames: std::ops::Range<usize>, random: &mut Random) {
-        let largest = self.values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-        let lost = measurements_of(electrode);
+        let (largest, lost) = (self.largest_v(), PAPER.measurements_of(electrode));
         for frame in frames {
             for &i in &lost {
                 self.values[[frame, i]] = 0.1 * largest * random.normal();
@@ -120,17 +170,10 @@ impl Recording {
 
     /// From this frame on the voltages of an electrode change steadily, by this part each second.
     pub fn drift(&mut self, electrode: usize, from: usize, per_s: f64) {
-        let measurements = measurements_of(electrode);
+        let measurements = PAPER.measurements_of(electrode);
         for frame in from..self.values.nrows() {
-            let gain = 1.0 + per_s * (frame - from) as f64 / script::RATE_HZ;
+            let gain = 1.0 + per_s * (frame - from) as f64 / RATE_HZ;
             measurements.iter().for_each(|&i| self.values[[frame, i]] *= gain);
         }
     }
-}
-
-/// Measurements that an electrode drives or measures.
-pub fn measurements_of(electrode: usize) -> Vec<usize> {
-    let quadruples = BENCH.simulated.protocol.quadruples().unwrap();
-    let involves = |i: &usize| quadruples[*i].contains(&(electrode as u32));
-    (0..quadruples.len()).filter(involves).collect()
 }

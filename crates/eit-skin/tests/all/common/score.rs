@@ -1,7 +1,8 @@
 //! Comparison of touches with the truth, as a robot would experience them.
 
 use super::Recording;
-use super::script::{RATE_HZ, distance_m};
+use super::script::{QUIET_FRAMES, RATE_HZ, distance_m};
+use eit_skin::eit_fem::fabric::TrueTouch;
 use eit_skin::touches::{TouchRow, Touches};
 use eit_skin::{Touch, TouchState};
 use std::collections::HashMap;
@@ -15,40 +16,34 @@ const LEAST_N: f64 = 0.3;
 /// Time after a lift in which a touch does not count as a ghost, seconds.
 const LATE_S: f64 = 0.2;
 
-/// How well touches match the fingers.
-#[derive(Debug, Clone, Copy)]
-pub struct Score {
-    /// Fraction of the fingers in all frames that have a touch of their own within the gate.
+/// Bars that a script must meet.
+pub struct Bars {
     pub found: f64,
-    /// Position error that 95 % of those do not exceed, metres.
     pub error_m: f64,
-    /// Number of additional touches per frame with a finger.
     pub extra: f64,
-    /// Frames without a finger, more than 0.2 s after a lift, that show a touch, ...
-    pub ghosts: usize,
-    /// ... out of this number.
-    pub bare: usize,
-    /// How often a finger's touch changes its id while it presses.
     pub id_changes: usize,
 }
 
-impl Score {
-    /// Fails if a frame without a finger shows a touch, or if there are too few of those to tell.
-    pub fn check_ghosts(&self) {
-        assert!(self.ghosts == 0 && self.bare >= 10, "{self:?}");
-    }
-}
+/// Those of the full scripts are tighter: here a press at the rim is 5 % of all frames, one found a frame late 0.003.
+pub const ONE: Bars = Bars { found: 0.97, error_m: 6e-3, extra: 0.05, id_changes: 0 };
 
-/// Counts from which scores are computed, of one recording or several.
-#[derive(Default)]
-pub struct Counts {
-    hit: usize,
+/// No bar but that for ghosts.
+pub const ANY: Bars =
+    Bars { found: 0.0, error_m: f64::INFINITY, extra: f64::INFINITY, id_changes: usize::MAX };
+
+/// How well touches match the fingers, in one recording or several.
+#[derive(Debug, Default)]
+pub struct Score {
+    /// Fingers in all frames, and position errors of those with a touch of their own within the gate, metres.
     fingers: usize,
     errors_m: Vec<f64>,
-    extra: usize,
+    /// Frames with a finger, and additional touches in them.
     touched: usize,
-    ghosts: usize,
+    extra: usize,
+    /// Frames without a finger, more than 0.2 s after a lift, and those of them that show a touch.
     bare: usize,
+    ghosts: usize,
+    /// How often a finger's touch changes its id while it presses.
     id_changes: usize,
     /// Id of the last touch of each pressing finger.
     id_of: HashMap<u32, u64>,
@@ -62,19 +57,43 @@ pub fn acted_on(touches: &Touches, frame: usize) -> Vec<Touch> {
     touches.rows.iter().filter(counts).map(|row| row.touch).collect()
 }
 
-impl Counts {
-    /// Of one recording, from frame `first` on.
-    pub fn of(recording: &Recording, touches: &Touches, first: usize) -> Self {
-        let mut counts = Self::default();
-        counts.add(recording, touches, first);
-        counts
+impl Score {
+    pub fn of(recording: &Recording, touches: &Touches) -> Self {
+        let mut score = Self::default();
+        score.add(recording, touches);
+        score
     }
 
-    /// Counts the frames from `first` on.
-    pub fn add(&mut self, recording: &Recording, touches: &Touches, first: usize) {
+    /// Fraction of the fingers in all frames that have a touch of their own.
+    pub fn found(&self) -> f64 {
+        self.errors_m.len() as f64 / self.fingers.max(1) as f64
+    }
+
+    /// Number of additional touches per frame with a finger.
+    pub fn extra(&self) -> f64 {
+        self.extra as f64 / self.touched.max(1) as f64
+    }
+
+    /// Fails below the bars (errors: of 95 %), and if a frame without a finger shows a touch or too few of those can tell.
+    pub fn check(&self, name: &str, bars: &Bars) {
+        let mut errors_m = self.errors_m.clone();
+        errors_m.sort_by(f64::total_cmp);
+        let error_m = errors_m[(0.95 * errors_m.len() as f64) as usize];
+        let Self { ghosts, bare, id_changes, .. } = *self;
+        let found = [self.found(), error_m, self.extra()];
+        let told =
+            format!("{name}: {found:?}, {ghosts} of {bare} ghosts, {id_changes} changes of id");
+        println!("{told}");
+        assert!(ghosts == 0 && bare >= 10, "{told}");
+        assert!(found[0] >= bars.found && found[2] <= bars.extra, "{told}");
+        assert!(error_m < bars.error_m && id_changes <= bars.id_changes, "{told}");
+    }
+
+    /// Counts the frames after the quiet ones.
+    pub fn add(&mut self, recording: &Recording, touches: &Touches) {
         self.id_of.clear();
         let (mut since_lift, mut pressed) = (0, false);
-        for frame in first..recording.values.nrows() {
+        for frame in QUIET_FRAMES..recording.values.nrows() {
             let here = acted_on(touches, frame);
             if self.add_fingers(recording, frame, &here) {
                 (since_lift, pressed) = (0, true);
@@ -95,72 +114,44 @@ impl Counts {
         if fingers.is_empty() {
             return false;
         }
-        let far = |finger: usize, touch: usize| {
-            let [x, y, _] = here[touch].position_m;
-            distance_m(fingers[finger].position_m, [x, y])
+        let far = |finger: &&TrueTouch| {
+            let off = |touch: &Touch| {
+                distance_m(finger.position_m, [touch.position_m[0], touch.position_m[1]])
+            };
+            here.iter().map(off).collect()
         };
-        let pairs = assign(fingers.len(), here.len(), &far);
+        let far: Vec<Vec<f64>> = fingers.iter().map(far).collect();
+        let pairs = assign(&far, &[]).1;
         self.touched += 1;
         self.extra += here.len() - pairs.iter().flatten().count();
         for (k, finger) in fingers.iter().enumerate().filter(|(_, f)| f.force_n >= LEAST_N) {
             self.fingers += 1;
             let Some(touch) = pairs[k] else { continue };
-            self.hit += 1;
-            self.errors_m.push(far(k, touch));
+            self.errors_m.push(far[k][touch]);
             let before = self.id_of.insert(finger.finger, here[touch].id);
             self.id_changes += usize::from(before.is_some_and(|id| id != here[touch].id));
         }
         true
     }
-
-    /// The score of all that was counted.
-    pub fn score(&self) -> Score {
-        let mut errors_m = self.errors_m.clone();
-        errors_m.sort_by(f64::total_cmp);
-        let rank = (0.95 * errors_m.len() as f64) as usize;
-        Score {
-            found: self.hit as f64 / self.fingers.max(1) as f64,
-            error_m: errors_m.get(rank).copied().unwrap_or(f64::NAN),
-            extra: self.extra as f64 / self.touched.max(1) as f64,
-            ghosts: self.ghosts,
-            bare: self.bare,
-            id_changes: self.id_changes,
-        }
-    }
 }
 
-/// The touch of each finger: as many pairs within the gate as possible, with the least total distance. Tries
-/// every assignment, for at most four fingers.
-fn assign(fingers: usize, touches: usize, far: &dyn Fn(usize, usize) -> f64) -> Vec<Option<usize>> {
-    fn try_all(
-        chosen: &mut Vec<Option<usize>>,
-        fingers: usize,
-        touches: usize,
-        far: &dyn Fn(usize, usize) -> f64,
-    ) -> (f64, Vec<Option<usize>>) {
-        let finger = chosen.len();
-        if finger == fingers {
-            return (0.0, chosen.clone());
-        }
-        let mut best = (f64::INFINITY, Vec::new());
-        let free: Vec<usize> = (0..touches).filter(|t| !chosen.contains(&Some(*t))).collect();
-        let near = free.into_iter().filter(|t| far(finger, *t) <= GATE_M).map(Some);
-        for choice in near.chain([None]) {
-            chosen.push(choice);
-            let (cost, pairs) = try_all(chosen, fingers, touches, far);
-            chosen.pop();
-            // a finger without a touch costs more than any distance
-            let cost = cost + choice.map_or(1e3, |touch| far(finger, touch));
-            if cost < best.0 {
-                best = (cost, pairs);
-            }
-        }
-        best
-    }
-    try_all(&mut Vec::new(), fingers, touches, far).1
+/// The touch of each finger after those `chosen`, and the cost: most pairs within the gate, then least total distance.
+fn assign(far: &[Vec<f64>], chosen: &[Option<usize>]) -> (f64, Vec<Option<usize>>) {
+    let Some(row) = far.get(chosen.len()) else { return (0.0, chosen.to_vec()) };
+    let near = (0..row.len()).filter(|t| row[*t] <= GATE_M && !chosen.contains(&Some(*t)));
+    // a finger without a touch costs more than any distance
+    let choices = near.map(|touch| (Some(touch), row[touch])).chain([(None, 1e3)]);
+    let costs = choices.map(|(choice, cost)| {
+        let (rest, pairs) = assign(far, &[chosen, &[choice]].concat());
+        (cost + rest, pairs)
+    });
+    costs.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
 }
 
-/// A quantile of values.
+pub fn median(values: &[f64]) -> f64 {
+    quantile_of(values, 0.5)
+}
+
 pub fn quantile_of(values: &[f64], part: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,6 +1,7 @@
 //! Fingers drawn from a seed on the paper's disc of 0.1 m.
 
 use eit_skin::eit_fem::fabric::{Finger, Key, Random, Tip, TouchScript};
+use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
 pub const RATE_HZ: f64 = 20.0;
@@ -22,6 +23,10 @@ const RAMP_S: f64 = 0.2;
 const HOLD_S: f64 = 0.7;
 const GAP_S: f64 = 0.5;
 
+/// Force and speed of a finger that slides.
+const SLIDE_N: f64 = 1.5;
+const SLIDE_M_S: f64 = 0.05;
+
 type Place = [f64; 2];
 
 /// Presses and strokes of several fingers, one after the other.
@@ -30,7 +35,6 @@ pub struct Drawn {
     fingers: Vec<Finger>,
     /// Time of the next press, seconds.
     pub next_s: f64,
-    end_s: f64,
 }
 
 impl Drawn {
@@ -45,7 +49,6 @@ impl Drawn {
             random: Random::named(seed, "places", 0),
             fingers: (1..=fingers).map(finger).collect(),
             next_s: FIRST_S,
-            end_s: 0.0,
         }
     }
 
@@ -58,8 +61,7 @@ impl Drawn {
             let force_n = self.random.between(force_n.start, force_n.end);
             self.add(finger, [at, at], force_n, HOLD_S);
         }
-        self.next_s += 2.0 * RAMP_S + HOLD_S + GAP_S;
-        self
+        self.after(HOLD_S)
     }
 
     /// All fingers press at once, at these places.
@@ -68,63 +70,60 @@ impl Drawn {
             let force_n = self.random.between(force_n.start, force_n.end);
             self.add(finger, [at, at], force_n, HOLD_S);
         }
-        self.next_s += 2.0 * RAMP_S + HOLD_S + GAP_S;
-        self
-    }
-
-    /// The first finger moves along a chord of 60 mm or more.
-    pub fn slide(&mut self, force_n: f64, speed_m_s: f64) -> &mut Self {
-        let from = self.place(&[]);
-        let mut to = from;
-        while distance_m(from, to) < 0.06 {
-            to = self.place(&[]);
-        }
-        self.slide_along([from, to], force_n, speed_m_s)
-    }
-
-    /// The first finger moves from one place to another.
-    pub fn slide_along(&mut self, way: [Place; 2], force_n: f64, speed_m_s: f64) -> &mut Self {
-        let time_s = distance_m(way[0], way[1]) / speed_m_s;
-        self.add(0, way, force_n, time_s);
-        self.next_s += time_s + 2.0 * RAMP_S + GAP_S;
-        self
+        self.after(HOLD_S)
     }
 
     /// All fingers press at once, at the corners of a regular polygon about the middle of the disc.
     pub fn ring(&mut self, radius_m: f64, first_angle: f64, force_n: f64) -> &mut Self {
         let count = self.fingers.len();
-        for finger in 0..count {
-            let angle = first_angle + std::f64::consts::TAU * finger as f64 / count as f64;
-            let at = [radius_m * angle.cos(), radius_m * angle.sin()];
-            self.add(finger, [at, at], force_n, HOLD_S);
-        }
-        self.next_s += 2.0 * RAMP_S + HOLD_S + GAP_S;
-        self
+        let corner = |finger: usize| {
+            let angle = first_angle + TAU * finger as f64 / count as f64;
+            [radius_m * angle.cos(), radius_m * angle.sin()]
+        };
+        let corners: Vec<Place> = (0..count).map(corner).collect();
+        self.press_at(&corners, force_n..force_n)
     }
 
-    /// The first two fingers press at the ends of a line through the middle of the disc, move towards each other at
-    /// 50 mm/s, wait half a second and part again.
-    pub fn close_in(&mut self, angle: f64, force_n: f64, far_m: f64, near_m: f64) -> &mut Self {
-        let time_s = 0.5 * (far_m - near_m) / 0.05;
-        let begin_s = self.next_s;
-        for (finger, turn) in self.fingers.iter_mut().zip([0.0, std::f64::consts::PI]) {
-            let mut now_s = begin_s;
-            let mut key = |wait_s: f64, apart_m: f64, force_n: f64| {
-                now_s += wait_s;
-                let (sin, cos) = (angle + turn).sin_cos();
-                let position_m = [0.5 * apart_m * cos, 0.5 * apart_m * sin];
-                finger.keys.push(Key { time_s: now_s, position_m, force_n, radius_m: TIP_M });
-            };
-            key(0.0, far_m, 0.0);
-            key(RAMP_S, far_m, force_n);
-            key(time_s, near_m, force_n);
-            key(0.5, near_m, force_n);
-            key(time_s, far_m, force_n);
-            key(RAMP_S, far_m, 0.0);
+    pub fn hold(&mut self, at: Place, force_n: f64, time_s: f64) -> &mut Self {
+        self.add(0, [at, at], force_n, time_s);
+        self.after(time_s)
+    }
+
+    /// The first finger moves along a chord of 60 mm or more.
+    pub fn slide(&mut self) -> &mut Self {
+        let from = self.place(&[]);
+        let mut to = from;
+        while distance_m(from, to) < 0.06 {
+            to = self.place(&[]);
         }
-        self.end_s = begin_s + 2.0 * (RAMP_S + time_s) + 0.5;
-        self.next_s = self.end_s + GAP_S;
-        self
+        self.slide_along([from, to])
+    }
+
+    pub fn slide_along(&mut self, way: [Place; 2]) -> &mut Self {
+        let time_s = distance_m(way[0], way[1]) / SLIDE_M_S;
+        self.add(0, way, SLIDE_N, time_s);
+        self.after(time_s)
+    }
+
+    /// The first two fingers press, move towards each other through the middle of the disc, wait half a second and part.
+    pub fn close_in(&mut self, angle: f64, force_n: f64, far_m: f64, near_m: f64) -> &mut Self {
+        let time_s = 0.5 * (far_m - near_m) / SLIDE_M_S;
+        for (finger, turn) in self.fingers.iter_mut().zip([0.0, PI]) {
+            let (sin, cos) = (angle + turn).sin_cos();
+            let mut now_s = self.next_s;
+            for (wait_s, apart_m, force_n) in [
+                (0.0, far_m, 0.0),
+                (RAMP_S, far_m, force_n),
+                (time_s, near_m, force_n),
+                (0.5, near_m, force_n),
+                (time_s, far_m, force_n),
+                (RAMP_S, far_m, 0.0),
+            ] {
+                now_s += wait_s;
+                finger.keys.push(key(now_s, [0.5 * apart_m * cos, 0.5 * apart_m * sin], force_n));
+            }
+        }
+        self.after(2.0 * time_s + 0.5)
     }
 
     /// The script, followed by a second without touches.
@@ -132,24 +131,26 @@ impl Drawn {
         TouchScript {
             name: String::new(),
             frame_rate_hz: RATE_HZ,
-            frames: ((self.end_s + 1.0) * RATE_HZ) as usize,
+            frames: ((self.next_s - GAP_S + 1.0) * RATE_HZ) as usize,
             quiet_frames: QUIET_FRAMES,
             fingers: self.fingers.clone(),
         }
     }
 
     fn add(&mut self, finger: usize, [from, to]: [Place; 2], force_n: f64, hold_s: f64) {
-        let begin_s = self.next_s;
-        let key =
-            |time_s, position_m, force_n| Key { time_s, position_m, force_n, radius_m: TIP_M };
-        let end_s = begin_s + hold_s + 2.0 * RAMP_S;
+        let down_s = self.next_s + RAMP_S;
         self.fingers[finger].keys.extend([
-            key(begin_s, from, 0.0),
-            key(begin_s + RAMP_S, from, force_n),
-            key(begin_s + RAMP_S + hold_s, to, force_n),
-            key(end_s, to, 0.0),
+            key(self.next_s, from, 0.0),
+            key(down_s, from, force_n),
+            key(down_s + hold_s, to, force_n),
+            key(down_s + hold_s + RAMP_S, to, 0.0),
         ]);
-        self.end_s = self.end_s.max(end_s);
+    }
+
+    /// The next press comes after one that is held for this time.
+    fn after(&mut self, hold_s: f64) -> &mut Self {
+        self.next_s += 2.0 * RAMP_S + hold_s + GAP_S;
+        self
     }
 
     fn place(&mut self, taken: &[Place]) -> Place {
@@ -162,6 +163,10 @@ impl Drawn {
             }
         }
     }
+}
+
+fn key(time_s: f64, position_m: Place, force_n: f64) -> Key {
+    Key { time_s, position_m, force_n, radius_m: TIP_M }
 }
 
 pub fn distance_m(a: Place, b: Place) -> f64 {

@@ -1,8 +1,5 @@
 //! Reciprocal voltages without underlying physics, for tests of the fault monitor.
 
-#![allow(missing_docs, reason = "tests")]
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
-
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::eit_fem::{PairProtocol, Protocol};
 use eit_skin::faults::{FaultKind, FaultMonitor};
@@ -11,11 +8,10 @@ pub const ELECTRODES: usize = 16;
 pub const MEASUREMENTS: usize = 208;
 pub const DT_S: f64 = 0.05;
 
-/// Noise and converter step, volts; voltages are 3 mV to 0.25 V.
+/// Noise and converter step, which the monitor is told, volts; voltages are 3 mV to 0.25 V.
 pub const NOISE_V: f64 = 2e-5;
 pub const STEP_V: f64 = 5e-6;
 
-/// A skin of reciprocal voltages without physics, and its monitor.
 pub struct Bench {
     pub quadruples: Vec<[u32; 4]>,
     pub reference: Vec<f64>,
@@ -26,11 +22,11 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(seed: u64) -> Self {
-        Self::with(seed, &[true; MEASUREMENTS], &[NOISE_V; MEASUREMENTS])
+        Self::with(seed, &[true; MEASUREMENTS])
     }
 
-    /// With the measurements that count and the noise that the monitor is told, volts.
-    pub fn with(seed: u64, used: &[bool], noise_v: &[f64]) -> Self {
+    /// With the measurements that count.
+    pub fn with(seed: u64, used: &[bool]) -> Self {
         let protocol: Protocol = PairProtocol::default().protocol().unwrap();
         let quadruples = protocol.quadruples().unwrap().to_vec();
         // the distance between two pairs is also that of the exchanged ones
@@ -40,7 +36,7 @@ impl Bench {
         };
         Self {
             reference: quadruples.iter().map(voltage).collect(),
-            monitor: FaultMonitor::new(&protocol, used, noise_v, STEP_V).unwrap(),
+            monitor: FaultMonitor::new(&protocol, used, &[NOISE_V; MEASUREMENTS], STEP_V).unwrap(),
             quadruples,
             random: Random::new(seed),
             time_s: 0.0,
@@ -61,6 +57,10 @@ impl Bench {
         (0..MEASUREMENTS)
             .map(|i| self.reference[i] * (1.0 - touch[i]) + NOISE_V * self.random.normal())
             .collect()
+    }
+
+    pub fn untouched(&mut self) -> Vec<f64> {
+        self.reference.iter().map(|v| v + NOISE_V * self.random.normal()).collect()
     }
 
     /// Pushes a frame whose measurements `broken` are replaced.
@@ -87,7 +87,12 @@ impl Bench {
         self.monitor.faults().iter().map(|fault| (fault.electrode, fault.kind)).collect()
     }
 
-    /// Checks that exactly these measurements are excluded.
+    /// Checks that exactly these electrodes are named and these measurements excluded.
+    pub fn check(&self, faults: &[(usize, FaultKind)], missing: &[usize]) {
+        assert_eq!(self.faults(), faults);
+        self.check_missing(missing);
+    }
+
     pub fn check_missing(&self, wanted: &[usize]) {
         let missing: Vec<usize> =
             (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
