@@ -207,7 +207,6 @@ fn a_recording_waits_for_no_reader() {
 fn an_unplugged_instrument_ends_its_touches() {
     let Skin { folder: _folder, scene, _emulated } = Skin::new();
     let mut child = start(format!("live {scene} --json-lines"));
-    first_said(&mut child);
     let mut lines = printed(&mut child);
     let mut next = || -> Value { parse(&lines.next().unwrap()) };
     let is_touched = |line: &Value| line["touches"].as_array().is_some_and(|list| !list.is_empty());
