@@ -27,7 +27,7 @@ use ndarray::ArrayViewMut2;
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
 const BLOCK: usize = 64;
-/// Derivatives along single nodes that are held in memory at a time: 16 MB.
+/// Derivatives along single coordinates that are held in memory at a time, or those of one product: 16 MB.
 const HELD: usize = 1 << 21;
 /// Displacements that are multiplied with them at a time.
 const AT_ONCE: usize = 64;
