@@ -287,6 +287,27 @@ fn a_router_forwards_messages_and_tokens() {
     router.close().wait().unwrap();
 }
 
+/// Nobody listens, or nobody is there: frames cost no time, and the end comes soon.
+#[test]
+fn frames_do_not_wait_for_the_network() {
+    let mut publisher = publisher(&endpoint(), |settings| settings.change = None);
+    let begun = Instant::now();
+    let touches = [touch(); 5];
+    for sequence in 0..20_000 {
+        publisher.touches(&frame(sequence, &touches, &FAULTS)).unwrap();
+    }
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    let begun = Instant::now();
+    publisher.end().unwrap();
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    let statistics = publisher.zenoh()[0].statistics();
+    let (sent, refused) = publisher.zenoh()[0].sent();
+    // and the list that ends the touches
+    assert_eq!(statistics.frames, 20_001);
+    // diagnostics are messages, too
+    assert!(sent + refused + statistics.dropped_frames >= 20_000, "{sent} {statistics:?}");
+}
+
 #[test]
 fn names_and_endpoints_that_are_none_are_refused() {
     let error = ZenohSink::new(&ZenohSettings::new("skin/2 arms")).unwrap_err();
