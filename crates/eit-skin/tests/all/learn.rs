@@ -63,7 +63,7 @@ fn errors(presses: &[([f64; 2], f64)], touches: &Touches) -> [Vec<f64>; 2] {
 
 #[test]
 fn twelve_presses_give_newtons() {
-    for seed in 1..=2 {
+    for seed in 1..=3 {
         let presses = presses(seed);
         let recordings = PAPER.draw([seed], 1, |drawn, _| {
             presses.iter().for_each(|(place, force)| _ = drawn.press_at(&[*place], *force..*force));
@@ -90,7 +90,7 @@ fn twelve_presses_give_newtons() {
         let [before, none] = errors(&presses, &touches_of(&fitted));
         assert!(none.is_empty());
         let [after, forces] = errors(&presses, &touches_with(&fitted, &learned));
-        // measured: 0.024 to 0.030 (median), 0.075 to 0.078 (90 % quantile), positions as without learning
+        // measured: 0.027 to 0.041 (median), 0.079 to 0.090 (90 % quantile), positions as without learning
         let [median, most] = [0.5, 0.9].map(|part| quantile_of(&forces, part));
         println!("seed {seed}: force median {median:.3}, 90 % {most:.3} of {}", forces.len());
         assert!(median < 0.05 && most < 0.1, "seed {seed}: {median}, {most}");
