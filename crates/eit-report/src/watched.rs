@@ -196,7 +196,8 @@ fn text(
     }
     if summary.not_explained > 0 {
         text += &format!(
-            "\n{} frames are not explained by touches, which are not valid there: a fault, or something else",
+            "\n{} frames are not explained by touches, which are not valid there: a fault, or what another [touch] \
+             model explains (docs/SCENE.md)",
             summary.not_explained
         );
     }

@@ -35,8 +35,6 @@ const SUMMARY: [u8; 7] = [
     op::METADATA_INDEX,
     op::SUMMARY_OFFSET,
 ];
-/// Longest record held in memory; attachments are not held.
-const MOST_RECORD_BYTES: u64 = 8 << 20;
 /// Longest header of an attachment, which holds its names.
 const MOST_ATTACHMENT_HEAD: u64 = 1 << 16;
 /// Budget for failed attempts to unpack chunks, in bytes as a multiple of the file's length.
@@ -204,7 +202,7 @@ impl<R: Read + Seek> Records<R> {
         self.source.copy(place, take)
     }
 
-    /// Reads part of the file into memory, at most [`MOST_RECORD_BYTES`].
+    /// Reads part of the file into memory, at most [`MOST_CHUNK_BYTES`].
     pub(super) fn held(&mut self, place: Range<u64>) -> Result<Vec<u8>, HwError> {
         self.source.held(place)
     }
@@ -284,7 +282,7 @@ impl<R: Read + Seek> Records<R> {
         let is_held = matches!(op, op::SCHEMA | op::CHANNEL | op::MESSAGE);
         if is_held {
             self.record.clear();
-            if length <= MOST_RECORD_BYTES {
+            if length <= MOST_CHUNK_BYTES {
                 self.source.record(start..end, &mut self.record)?;
             }
         }
@@ -293,7 +291,7 @@ impl<R: Read + Seek> Records<R> {
             return self.find_chunk(at).map(|()| None);
         }
         (self.position, self.whole) = (end, end);
-        if is_held && length > MOST_RECORD_BYTES {
+        if is_held && length > MOST_CHUNK_BYTES {
             self.damage.bad_messages += 1;
             return Ok(None);
         }

@@ -5,6 +5,7 @@ use crate::output::io;
 use eit_inverse::touch::Touch;
 use eit_skin::faults::{ElectrodeFault, fault_lines};
 use eit_skin::live::{SkinState, TouchFields};
+use eit_skin::scene::TouchModel;
 use eit_skin::text::counted;
 use eit_skin::touches::Touches;
 use serde_json::{Value, json};
@@ -132,6 +133,11 @@ pub(super) fn line(touches: Option<&Touches>) -> String {
             "\n{count} not explained by touches, the first {first}: none is valid there, and none does not mean that \
              nothing touches the skin"
         );
+        let choices = &touches.choices;
+        if choices.presses.is_none() && choices.model == TouchModel::Search {
+            text += "; fabric that remembers or warms, an amplifier that leaks and drives that take turns are \
+                     explained by [touch] model = \"one-score\"";
+        }
     }
     for line in fault_lines(&touches.faults) {
         text += &format!("\n{line}");

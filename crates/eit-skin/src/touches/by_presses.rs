@@ -46,6 +46,7 @@ pub(super) fn source(
     let choices = Choices {
         noise: noise.source.clone(),
         presses: Some(found.presses),
+        model: keys.model,
         sheet: None,
         left_even: background::left_even(fitted),
         rows,

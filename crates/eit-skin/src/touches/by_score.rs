@@ -56,6 +56,7 @@ pub(super) fn source(
     let choices = Choices {
         noise: noise.source.clone(),
         presses: None,
+        model: skin.skin.settings.touch.model,
         sheet: sheet.choice(),
         left_even: background::left_even(fitted),
         rows,

@@ -43,6 +43,7 @@ pub(super) fn source(
     let choices = Choices {
         noise: noise.source.clone(),
         presses: None,
+        model: keys.model,
         sheet: sheet.choice(),
         left_even: background::left_even(fitted),
         rows: detector.rows(),

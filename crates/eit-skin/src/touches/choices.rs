@@ -1,5 +1,6 @@
 //! What a touch finder chose, and why, for people and programs.
 
+use crate::scene::TouchModel;
 use crate::twins;
 
 /// Choices of a [`TouchFinder`](super::TouchFinder).
@@ -10,6 +11,9 @@ pub struct Choices {
     pub noise: String,
     /// Number of presses that the skin was learnt from; `None` if touches are found by the model.
     pub presses: Option<usize>,
+    /// How touches are found where the skin was not learnt from presses.
+    #[serde(default)]
+    pub model: TouchModel,
     /// The sheet that explains the reference frame; `None` if an even one does as well.
     pub sheet: Option<FoundSheet>,
     /// Root mean square of the reference that an even sheet leaves unexplained, relative to its own.

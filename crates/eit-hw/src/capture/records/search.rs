@@ -7,7 +7,7 @@ use mcap::records::op;
 
 use super::attachment::{Attachment, is_of_strings};
 use super::unpack::{CHUNK_HEAD, ChunkHead, MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
-use super::{MOST_ATTACHMENT_HEAD, MOST_RECORD_BYTES, Records, SEARCHED, SUMMARY};
+use super::{MOST_ATTACHMENT_HEAD, Records, SEARCHED, SUMMARY};
 use crate::capture::container::MAGIC;
 use crate::error::HwError;
 
@@ -74,7 +74,7 @@ impl<R: Read + Seek> Records<R> {
                 found == head.len() && length == 6 + u64::from(u32::from_le_bytes(list))
             }
             op::MESSAGE => length >= 22,
-            op::CHANNEL | op::SCHEMA => length > MOST_RECORD_BYTES || is_whole(op, &self.record),
+            op::CHANNEL | op::SCHEMA => length > MOST_CHUNK_BYTES || is_whole(op, &self.record),
             op::ATTACHMENT => {
                 let most = place.end.min(place.start + MOST_ATTACHMENT_HEAD);
                 let head = self.source.held(place.start..most)?;

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::MOST_RECORD_BYTES;
+use super::unpack::MOST_CHUNK_BYTES;
 use crate::error::{HwError, Place};
 
 /// A file with random access, read mostly forwards.
@@ -50,9 +50,9 @@ impl<R: Read + Seek> Source<R> {
         Ok(())
     }
 
-    /// Reads part of the file into memory, at most [`MOST_RECORD_BYTES`].
+    /// Reads part of the file into memory, at most [`MOST_CHUNK_BYTES`].
     pub(super) fn held(&mut self, place: Range<u64>) -> Result<Vec<u8>, HwError> {
-        let end = place.end.min(place.start + MOST_RECORD_BYTES);
+        let end = place.end.min(place.start + MOST_CHUNK_BYTES);
         let mut bytes = Vec::new();
         self.copy(place.start..end, |piece| {
             bytes.extend_from_slice(piece);

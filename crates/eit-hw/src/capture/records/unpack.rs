@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-/// Longest chunk, compressed or not. Writers end chunks at 1 to 4 MiB.
+/// Longest chunk, compressed or not, and longest record outside of chunks but for attachments. Writers end chunks at 1 to 4 MiB.
 pub(super) const MOST_CHUNK_BYTES: u64 = 16 << 20;
 /// Bytes before each record: its opcode and length.
 pub(super) const RECORD_HEAD: usize = 9;
