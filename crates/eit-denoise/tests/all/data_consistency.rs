@@ -63,16 +63,14 @@ fn what_is_invented_is_not_believed_and_silence_is() {
     let nothing = Array2::zeros((12, 12));
     // noise of one deviation, no image: all is left, and it is noise
     let silent = consistency.misfit(nothing.view(), &quiet).unwrap();
-    assert!((silent.residual - MEASUREMENTS as f64).abs() < 1e-9);
-    assert!(silent.score(0.5) < 1.0);
+    assert!((silent.residual - MEASUREMENTS as f64).abs() < 1e-9 && silent.score(0.5) < 1.0);
     // a finger where nothing was measured
     assert!(consistency.misfit(image.view(), &quiet).unwrap().score(0.5) > 10.0);
     // nothing where much was measured
     let missed = consistency.misfit(nothing.view(), differences).unwrap();
     assert!((missed.score(0.5) - 2.0).abs() < 1e-12);
     // the finger turned over
-    let turned = image.mapv(|v| -v);
-    assert!(consistency.misfit(turned.view(), differences).unwrap().score(0.5) > 7.9);
+    assert!(consistency.misfit(image.mapv(|v| -v).view(), differences).unwrap().score(0.5) > 7.9);
 }
 
 #[test]

@@ -1,7 +1,7 @@
-//! The example runs, and shows what it promises.
+//! The examples run, and show what they promise.
+#![allow(dead_code, reason = "the examples' own `main` is not called")]
 
 #[path = "../../examples/image_stack.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod image_stack;
 
 /// A number divided by itself is one exactly.
@@ -12,7 +12,6 @@ fn image_stack_example() {
 
 #[cfg(feature = "unet")]
 #[path = "../../examples/clean.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod clean;
 
 /// Frames that the net has not seen. Measured: 0.06 to 0.08 of the raw images' error; a fifth is what
@@ -27,7 +26,6 @@ fn clean_example() {
 
 #[cfg(feature = "unet")]
 #[path = "../../examples/frame_time.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod frame_time;
 
 /// The count of operations is right: each multiply-add of the 1 x 1 head and of the first
@@ -52,7 +50,6 @@ fn frame_time_example() {
 
 #[cfg(feature = "train")]
 #[path = "../../examples/step_time.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod step_time;
 
 /// All is timed, and what others compare with is written.

@@ -4,7 +4,6 @@ use eit_denoise::{DenoiseError, ImageStack};
 use ndarray::{Array2, Array3, array};
 use proptest::prelude::*;
 
-/// Sizes and places are named, in one line.
 #[test]
 fn refusals_name_sizes_and_places() {
     let ones = |frames| Array3::<f64>::ones((frames, 3, 2));
@@ -14,22 +13,15 @@ fn refusals_name_sizes_and_places() {
         images[[2, 1, 0]] = value;
         images
     };
+    let other =
+        "the images have 3 rows and 2 columns, but the mask has 2 and 3: draw both on one raster";
+    let [small, none] = ["3 rows and 2", "0 rows and 0"].map(|size| {
+        format!("the mask of {size} columns has no pixel inside the skin: use more pixels")
+    });
     for (images, mask, wanted) in [
-        (
-            ones(4),
-            mask(2, 3, true),
-            "the images have 3 rows and 2 columns, but the mask has 2 and 3: draw both on one raster",
-        ),
-        (
-            ones(4),
-            mask(3, 2, false),
-            "the mask of 3 rows and 2 columns has no pixel inside the skin: use more pixels",
-        ),
-        (
-            Array3::ones((0, 0, 0)),
-            mask(0, 0, true),
-            "the mask of 0 rows and 0 columns has no pixel inside the skin: use more pixels",
-        ),
+        (ones(4), mask(2, 3, true), other),
+        (ones(4), mask(3, 2, false), &small),
+        (Array3::ones((0, 0, 0)), mask(0, 0, true), &none),
         (holding(f64::NAN), mask(3, 2, true), NAN),
         (holding(f64::NEG_INFINITY), mask(3, 2, true), &NAN.replace("NaN", "-inf")),
     ] {
@@ -43,7 +35,6 @@ fn refusals_name_sizes_and_places() {
     let stack = ImageStack::new(Array3::zeros((0, 1, 2)), array![[true, false]]).unwrap();
     assert_eq!((stack.frames(), stack.rows(), stack.columns()), (0, 1, 2));
     assert_eq!((stack.max_abs(), stack.iter().len()), (0.0, 0));
-    // stacks go between threads
     fn shared<T: Send + Sync>(_: &T) {}
     shared(&stack);
     shared(&error);

@@ -1,13 +1,5 @@
-//! Tests of the crate, in one program, which links faster than one for each file. Those of one file:
-//! `cargo test --release -p eit-denoise --test all FILE::`.
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests: a panic is a failed test"
-)]
+//! All tests in one program, to link fast. Those of a file: `cargo test -p eit-denoise --test all FILE::`.
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 /// Checks that a result is an error of this kind.
 macro_rules! refused {
@@ -15,6 +7,13 @@ macro_rules! refused {
         let error = $result.err().unwrap();
         assert!(matches!(error, eit_denoise::DenoiseError::$($error)+), "{error}");
     };
+}
+
+/// Checks that the message of an error contains these words.
+#[track_caller]
+fn says<T>(result: Result<T, eit_denoise::DenoiseError>, words: &str) {
+    let message = result.err().unwrap().to_string();
+    assert!(message.contains(words), "{message}");
 }
 
 #[cfg(feature = "unet")]

@@ -1,6 +1,7 @@
 //! The threshold rule and the symmetry of measurements.
 
 use crate::common::disc;
+use crate::says;
 use eit_denoise::{DenoiseError, DiscSymmetry, ImageStack, MeasurementOrder, ThresholdRule};
 use ndarray::{Array2, Array3, Axis};
 
@@ -44,15 +45,13 @@ fn the_rule_refuses_what_it_cannot_judge() {
         (ThresholdRule { share: f64::NAN, ..rule }, "share is NaN"),
         (ThresholdRule { ring_pixels: 8, ..rule }, "no pixel"),
     ] {
-        let said = rule.on(mask.view()).map(drop).unwrap_err().to_string();
-        assert!(said.contains(wanted), "{said}");
+        says(rule.on(mask.view()), wanted);
     }
     let mut ready = rule.on(mask.view()).unwrap();
     let mut out = Array2::ones((16, 16));
     let flat = Array2::from_elem((16, 16), -3.0);
     let error = ready.apply_into(flat.view(), out.view_mut()).unwrap_err();
-    assert_eq!(error, DenoiseError::ConstantImage { value: -3.0 });
-    assert_eq!(out.sum(), 0.0);
+    assert_eq!((error, out.sum()), (DenoiseError::ConstantImage { value: -3.0 }, 0.0));
     // an untouched skin is no error, nor is one where all falls
     ready.apply_into(Array2::zeros((16, 16)).view(), out.view_mut()).unwrap();
     let falls = Array2::from_shape_fn((16, 16), |(r, _)| -1.0 - r as f64);
@@ -65,16 +64,8 @@ fn the_rule_refuses_what_it_cannot_judge() {
     assert!(wanted.values().iter().all(|value| *value == 0.0 || value.is_nan()));
 }
 
-/// Adjacent drive and measurement of `count` electrodes, driven ones left out.
-fn adjacent(count: u32) -> Vec<[u32; 4]> {
-    let pairs = |d: u32| {
-        (0..count - 3).map(move |k| [d, (d + 1) % count, (d + 2 + k) % count, (d + 3 + k) % count])
-    };
-    (0..count).flat_map(pairs).collect()
-}
-
-/// A made-up law that any skin with reciprocity obeys: `(G_am - G_an) - (G_bm - G_bn)` with a
-/// symmetric `G`; a turned skin has a turned `G`.
+/// A law of any skin with reciprocity: `(G_am - G_an) - (G_bm - G_bn)` with a symmetric `G`, which a
+/// turned skin has turned.
 #[test]
 fn a_turned_frame_is_the_frame_of_the_turned_skin() {
     let count = 8;
@@ -82,7 +73,10 @@ fn a_turned_frame_is_the_frame_of_the_turned_skin() {
         let (i, j) = (f64::from(i.min(j)), f64::from(i.max(j)));
         (1.3 * i + 0.7 * j * j).sin()
     };
-    let quadruples = adjacent(count);
+    // adjacent drive and measurement, driven electrodes left out
+    let pairs = |d: u32| (2..count - 1).map(move |k| [d, d + 1, d + k, d + k + 1]);
+    let quadruples: Vec<[u32; 4]> =
+        (0..count).flat_map(pairs).map(|q| q.map(|electrode| electrode % count)).collect();
     let frame_of = |potential: &dyn Fn(u32, u32) -> f64| -> Vec<f64> {
         let value = |q: &[u32; 4]| {
             let [a, b, m, n] = *q;
@@ -103,12 +97,10 @@ fn a_turned_frame_is_the_frame_of_the_turned_skin() {
             // the same four numbers in another order of addition
             assert!((turned - wanted).abs() < 1e-14, "{symmetry:?}");
         }
-        let plain = DiscSymmetry { steps: 0, mirrored: false };
-        assert_eq!(symmetry == plain, turned == frame);
+        assert_eq!(symmetry == DiscSymmetry { steps: 0, mirrored: false }, turned == frame);
     }
 }
 
-/// The map of places takes every electrode to its new place.
 #[test]
 fn the_matrix_moves_electrodes_as_the_order_does() {
     let (count, first) = (16, 0.3);
@@ -125,9 +117,8 @@ fn the_matrix_moves_electrodes_as_the_order_does() {
                 for l in 0..count {
                     let [x, y] = place(l);
                     let wanted = place(symmetry.new_electrode(l, count));
-                    for i in 0..2 {
-                        assert!((m[i][0] * x + m[i][1] * y - wanted[i]).abs() < 1e-14);
-                    }
+                    let off = [0, 1].map(|i| (m[i][0] * x + m[i][1] * y - wanted[i]).abs());
+                    assert!(off[0] < 1e-14 && off[1] < 1e-14, "{off:?}");
                 }
             }
         }

@@ -3,7 +3,6 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Types that compare equal after JSON.
 fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
     let again: T = serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap();
     assert_eq!(again, *value);

@@ -72,10 +72,8 @@ pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
         list.extend([[channels(l), channels(l - 1), 3], [channels(l), channels(l), 3]]);
     }
     for l in (0..shape.depth).rev() {
-        list.extend([
-            [channels(l), channels(l) + channels(l + 1), 3],
-            [channels(l), channels(l), 3],
-        ]);
+        list.push([channels(l), channels(l) + channels(l + 1), 3]);
+        list.push([channels(l), channels(l), 3]);
     }
     list.push([block, channels(0), 1]);
     list
@@ -129,12 +127,6 @@ fn blocks(plane: &Array2<f64>, fold: usize) -> Planes {
 }
 
 /// The net on normalised frames (oldest first) and mask, all of padded size.
-pub fn direct(weights: &Weights, inputs: Planes) -> Array2<f64> {
-    let parameters: Vec<f64> = weights.parameters.iter().map(|w| f64::from(*w)).collect();
-    direct_f64(weights.shape, &parameters, inputs)
-}
-
-/// The same with weights of full precision.
 pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array2<f64> {
     let mut rest = parameters.to_vec();
     let mut list = convolutions(shape).into_iter();
