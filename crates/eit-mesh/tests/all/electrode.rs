@@ -31,18 +31,15 @@ fn close(a: [f64; 3], b: [f64; 3]) -> bool {
 #[test]
 fn measure_and_centre_of_rim_and_patch_electrodes() {
     // the lower and the right side (an L of 3 m and 4 m), and the whole rectangle
-    let rim = Electrode::Rim(vec![[0, 1], [1, 2]]);
-    let patch = Electrode::Patch(vec![1, 0]);
+    let (rim, patch) = (Electrode::Rim(vec![[0, 1], [1, 2]]), Electrode::Patch(vec![1, 0]));
     let mesh = Mesh::new(upright(), vec![rim, patch]).unwrap();
-    assert_eq!(mesh.electrode_measure(0), Some(7.0));
-    assert_eq!(mesh.electrode_measure(1), Some(12.0));
+    assert_eq!((mesh.electrode_measure(0), mesh.electrode_measure(1)), (Some(7.0), Some(12.0)));
     // (3 * (1.5, 0) + 4 * (3, 2)) / 7
     let centre = mesh.electrode_centre_m(0).unwrap();
     assert!(close(centre, [1.0, 16.5 / 7.0, 8.0 / 7.0]), "{centre:?}");
     let centre = mesh.electrode_centre_m(1).unwrap();
     assert!(close(centre, [1.0, 1.5, 2.0]), "the middle of the rectangle: {centre:?}");
-    assert_eq!(mesh.electrode_measure(2), None);
-    assert_eq!(mesh.electrode_centre_m(usize::MAX), None);
+    assert_eq!((mesh.electrode_measure(2), mesh.electrode_centre_m(usize::MAX)), (None, None));
 }
 
 #[test]
@@ -79,9 +76,8 @@ fn midpoints_are_kept_for_edges_that_bend() {
             .with_midpoints(|edge, [x, y, z]| [x + if edge == [0, 2] { off } else { 0.0 }, y, z])
     };
     let bent = bulge(0.3).unwrap();
-    for edge in [[0, 2], [2, 0]] {
-        assert!(close(bent.midpoint_m(edge).unwrap(), [1.3, 1.5, 2.0]));
-    }
+    let both = [[0, 2], [2, 0]].map(|edge| bent.midpoint_m(edge).unwrap());
+    assert!(both.iter().all(|middle| close(*middle, [1.3, 1.5, 2.0])), "{both:?}");
     assert_eq!((bent.midpoint_m([0, 1]), bent.midpoint_m([7, 9])), (None, None));
 
     // the diagonal is 5 m long, so 2.5 m is a semicircle

@@ -4,8 +4,7 @@
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod disc;
 
-/// Finer edges give more nodes; every mesh has angles above 30 degrees (refinement alone guarantees
-/// 28, smoothing improves it) and a mean quality above 0.96.
+/// Refinement alone guarantees 28 degrees; smoothing improves it.
 #[test]
 fn disc_example() {
     let figures = disc::run().unwrap();

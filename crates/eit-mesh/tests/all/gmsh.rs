@@ -25,10 +25,9 @@ fn assert_round_trip(mesh: &Mesh, version: GmshVersion) {
     assert_eq!(found, wanted, "{version:?}");
 }
 
-/// `tests/files/plate_*.msh` were written by Gmsh 4.15.2: a 0.2 m x 0.1 m plate. electrode_1
-/// consists of two curves (the left side), electrode_2 is the middle 0.04 m of the right side,
-/// electrode_3 is a 0.04 m square that is also in the group "everything", and there is an isolated
-/// point.
+/// A 0.2 m x 0.1 m plate, written by Gmsh 4.15.2. electrode_1 consists of two curves (the left side),
+/// electrode_2 is the middle 0.04 m of the right side, electrode_3 is a 0.04 m square that is also in
+/// the group "everything", and there is an isolated point.
 fn plate(version: &str) -> Mesh {
     let name = format!("tests/files/plate_{version}.msh");
     read_gmsh(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
@@ -139,81 +138,10 @@ fn writers_refuse_what_does_not_fit() {
 
 /// A plate of two triangles with sparse tags, an unused node, a point, a negative physical tag,
 /// Windows line endings, blank lines and sections to skip.
-const SMALL_22: &str = "\
-$MeshFormat\r\n2.2 0 8\r\n$EndMeshFormat
-$Comments
-anything \u{e9}
-$EndComments
-$PhysicalNames
-2
-1 7 \"electrode_1\"
-2 9 \"skin\"
-$EndPhysicalNames
+const SMALL_22: &str = include_str!("../files/small_22.msh");
 
-$Nodes
-5
-900 0 0 0
-20 1 0 0
-3 5 5 5
-77 1 1 0
-4000000000000 0 1 0
-$EndNodes
-$Elements
-4
-1 15 2 0 1 900
-2 1 2 -7 1 900 20
-3 2 2 9 1 900 20 77
-4 2 3 9 1 1 900 77 4000000000000
-$EndElements
-";
-
-/// The same in 4.1: parametric nodes, electrode_1 in two entities, non-adjacent blocks of one
-/// entity.
-const SMALL_41: &str = "\
-$MeshFormat
-4.1 0 8
-$EndMeshFormat
-$PhysicalNames
-1
-1 7 \"electrode_1\"
-$EndPhysicalNames
-$Entities
-1 3 1 0
-1 0 0 0 0
-4 0 0 0 1 0 0 2 8 -7 2 1 -2
-5 1 0 0 1 1 0 1 7 0
-6 0 1 0 1 1 0 0 0
-1 0 0 0 1 1 0 0 0
-$EndEntities
-$Nodes
-2 5 3 900
-1 4 1 2
-900
-20
-0 0 0 0.5
-1 0 0 0.75
-2 1 0 3
-3
-77
-40
-5 5 5
-1 1 0
-0 1 0
-$EndNodes
-$Elements
-5 6 1 6
-0 1 15 1
-1 900
-1 4 1 1
-2 900 20
-2 1 2 1
-3 900 20 77
-1 5 1 1
-4 20 77
-2 1 2 1
-5 900 77 40
-$EndElements
-";
+/// The same in 4.1: parametric nodes, electrode_1 in two entities, non-adjacent blocks of one entity.
+const SMALL_41: &str = include_str!("../files/small_41.msh");
 
 #[test]
 fn reads_sparse_tags_and_split_groups() {
@@ -260,8 +188,7 @@ fn a_file_without_triangles_names_the_cause() {
 /// Asserts that a modified file is rejected at a line with the given words.
 fn refused(base: &str, from: &str, to: &str, line: usize, words: &str) {
     assert!(base.contains(from), "{from} is not in the file");
-    let text = base.replacen(from, to, 1);
-    match parse_gmsh(text.as_bytes(), "bad.msh") {
+    match parse_gmsh(base.replacen(from, to, 1).as_bytes(), "bad.msh") {
         Err(MeshError::Parse { file, line: found, problem }) => {
             assert_eq!(file, "bad.msh");
             assert!(problem.contains(words), "{from:?} -> {to:?}: {problem}");
@@ -366,8 +293,7 @@ proptest! {
         let surface = surfaces::moved(&surfaces::disc(3, 1.0), |p| {
             std::array::from_fn(|k| scale * (a[k] * p[0] + b[k] * p[1] + shift[k]))
         });
-        let mesh = surfaces::with_electrodes(surface);
-        assert_round_trip(&mesh, version);
+        assert_round_trip(&surfaces::with_electrodes(surface), version);
     }
 
     #[test]

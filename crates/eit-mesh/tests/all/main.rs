@@ -1,15 +1,6 @@
-//! Tests of the crate, in one program: linking one is faster than linking 11. Those of one file:
-//! `cargo test --release -p eit-mesh --test all FILE::`.
+//! All tests in one program, to link fast. Those of a file: `cargo test -p eit-mesh --test all FILE::`.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    clippy::print_stderr,
-    reason = "tests"
-)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 /// Checks that a result is an error of this pattern.
 macro_rules! assert_error {

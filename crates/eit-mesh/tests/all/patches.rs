@@ -1,7 +1,7 @@
 //! Patches inside generated skins, rim electrodes of different widths, hemispheres.
 
 use crate::surfaces::{LEAST_ANGLE_DEG, area_m2, box_m, polygon};
-use eit_core::vector::norm;
+use eit_core::vector::{distance, norm};
 use eit_mesh::{
     Electrode, MeshError, MeshSettings, PlacedElectrode, Quality, RimElectrodes, SkinShape,
     generate, generate_placed,
@@ -15,7 +15,6 @@ fn plate_with_hole() -> SkinShape {
     polygon(box_m([0.0, 0.0], [0.3, 0.2]), vec![box_m([0.1, 0.08], [0.14, 0.12])])
 }
 
-/// Patches and rim electrodes, mixed.
 #[test]
 fn every_electrode_has_its_place_and_measure() {
     let electrodes = [
@@ -33,9 +32,7 @@ fn every_electrode_has_its_place_and_measure() {
         assert!((found / wanted - 1.0).abs() < 1e-11, "{l}: {found} for {wanted}");
         let is_patch = matches!(mesh.electrodes()[l], Electrode::Patch(_));
         assert_eq!(is_patch, l % 2 == 0, "in the order of the list");
-        let centre = mesh.electrode_centre_m(l).unwrap();
-        let off = (0..2).map(|k| (centre[k] - electrodes[l].position_m[k]).abs());
-        let off = off.fold(0.0, f64::max);
+        let off = distance(mesh.electrode_centre_m(l).unwrap(), electrodes[l].position_m);
         // equal sides except where another part of the outline is near
         assert!(!is_patch || off < 1e-4, "{l}: {off:e}");
     }
@@ -112,8 +109,7 @@ fn a_hemisphere_is_half_a_sphere() {
     for p in nodes.iter().copied().chain(middles) {
         assert!((norm(p) / 0.1 - 1.0).abs() < 1e-15 * 8.0 && p[2] >= 0.0, "{p:?}");
     }
-    let on_rim = nodes.iter().filter(|p| p[2] == 0.0).count();
-    assert_eq!(on_rim, mesh.surface().rim_edges().len());
+    assert_eq!(nodes.iter().filter(|p| p[2] == 0.0).count(), mesh.surface().rim_edges().len());
     // a facet with edges h is smaller by the fraction h^2 / (12 R^2) of its area: 5e-4
     let missing = 1.0 - area_m2(mesh.surface()) / (TAU * 0.01);
     assert!((0.0..2e-3).contains(&missing), "{missing:e}");
@@ -132,8 +128,7 @@ fn a_hemisphere_is_half_a_sphere() {
 proptest! {
     #![proptest_config(fixtures::cases(24))]
 
-    /// Any patch that fits, down to the smallest gap to the rim, gives a valid mesh with exact
-    /// area.
+    /// Any patch that fits, down to the smallest gap to the rim, has its exact area.
     #[test]
     fn any_patch_that_fits_is_meshed(
         angle in 0.0..TAU, from_centre in 0.0..0.9f64, size in 0.01..1.0f64,

@@ -36,12 +36,10 @@ fn nodes_of(mesh: &Mesh, electrode: usize) -> Vec<[f64; 3]> {
     nodes.into_iter().map(|n| surface.nodes()[n as usize]).collect()
 }
 
-/// Widths are exact to rounding, also around corners and on a rim in space, and the area is
-/// preserved.
+/// To rounding, on a rim in space.
 #[test]
 fn rim_electrodes_have_their_width_and_the_surface_keeps_its_area() {
-    let saddle = saddle();
-    let electrodes = around_saddle(0.3, &[0.2; 12]);
+    let (saddle, electrodes) = (saddle(), around_saddle(0.3, &[0.2; 12]));
     let mesh = place_electrodes(&saddle, &electrodes, &MeshSettings::default()).unwrap();
     for (l, electrode) in electrodes.iter().enumerate() {
         // some ten sums of lengths
@@ -83,19 +81,16 @@ fn a_rim_electrode_runs_around_a_corner_and_around_a_hole() {
     assert!(matches!(mesh.electrodes()[2], Electrode::Patch(_)), "in the order of the list");
 }
 
-/// The area missing from `pi r^2` is what the chords cut off, and decreases with the square of the
-/// edge.
+/// The area missing from `pi r^2` is what the chords cut off.
 #[test]
 fn patches_have_their_area_and_the_rest_falls_with_the_square_of_the_edge() {
     let (radius_m, position_m) = (0.3, [0.93, 1.06, 0.0]);
-    let plane = rectangle(7, 5, 2.0, 2.0);
     let mut missing = Vec::new();
     for edge_m in [0.1, 0.05, 0.025] {
         let settings = MeshSettings { electrode_edge_m: Some(edge_m), ..MeshSettings::default() };
         let patch = [PlacedElectrode::patch(position_m, radius_m)];
-        let mesh = place_electrodes(&plane, &patch, &settings).unwrap();
-        let found = mesh.electrode_measure(0).unwrap();
-        missing.push(1.0 - found / (PI * radius_m * radius_m));
+        let mesh = place_electrodes(&rectangle(7, 5, 2.0, 2.0), &patch, &settings).unwrap();
+        missing.push(1.0 - mesh.electrode_measure(0).unwrap() / (PI * radius_m * radius_m));
         let whole = area_m2(mesh.surface()) / 4.0;
         assert!((whole - 1.0).abs() < 1e-12, "{whole}");
         let outmost = nodes_of(&mesh, 0).into_iter().map(|p| distance(p, position_m));
@@ -123,10 +118,8 @@ fn a_patch_on_a_sphere_has_its_area() {
 #[test]
 fn a_patch_covers_one_sheet_of_a_fold() {
     // a strip folded at x = 1 into two layers 0.02 apart
-    let strip = rectangle(40, 10, 2.0, 0.5);
-    let folded = moved(&strip, |[x, y, _]| {
-        let bend = 0.01 * ((x - 1.0) / 0.02).tanh();
-        [1.0 - (x - 1.0).abs(), y, bend]
+    let folded = moved(&rectangle(40, 10, 2.0, 0.5), |[x, y, _]| {
+        [1.0 - (x - 1.0).abs(), y, 0.01 * ((x - 1.0) / 0.02).tanh()]
     });
     let patch = [PlacedElectrode::patch([0.5, 0.25, 0.01], 0.1)];
     let mesh = place_electrodes(&folded, &patch, &MeshSettings::default()).unwrap();
@@ -140,8 +133,7 @@ fn edge_length_is_kept_everywhere_when_asked_for() {
     let settings = MeshSettings { edge_m: Some(0.06), ..MeshSettings::default() };
     let coarse = saddle();
     let before = Quality::of(&Mesh::new(coarse.clone(), vec![]).unwrap());
-    let mesh = place_electrodes(&coarse, &[], &settings).unwrap();
-    let quality = Quality::of(&mesh);
+    let quality = Quality::of(&place_electrodes(&coarse, &[], &settings).unwrap());
     assert!(before.longest_edge_m > 0.12);
     assert!(quality.longest_edge_m <= 0.06 * 4.0 / 3.0, "{quality}");
     // longest-edge bisection at worst halves the smallest angle
@@ -173,10 +165,8 @@ fn what_cannot_be_placed_is_refused_with_its_number() {
             assert_error!(place(&[electrode]), ElectrodeSize { electrode: 1, .. });
         }
     }
-    let wide = place(&[rim([1.0, 0.0, 0.4], 10.0)]);
-    assert_error!(wide, ElectrodeSize { quantity: "width_m", .. });
-    let nowhere = place(&[rim([f64::NAN, 0.0, 0.4], 0.1)]);
-    assert_error!(nowhere, OffSurface { electrode: 1, .. });
+    assert_error!(place(&[rim([1.0, 0.0, 0.4], 10.0)]), ElectrodeSize { quantity: "width_m", .. });
+    assert_error!(place(&[rim([f64::NAN, 0.0, 0.4], 0.1)]), OffSurface { electrode: 1, .. });
     let settings = MeshSettings { node_limit: 300, edge_m: Some(0.05), ..Default::default() };
     let small = place_electrodes(&saddle, &[good], &settings);
     assert_error!(small, RefinementIncomplete { limit: 300, .. });
@@ -202,8 +192,7 @@ fn a_closed_surface_takes_patches_and_no_rim_electrodes() {
     assert!((mesh.electrode_measure(1).unwrap() / (PI * 0.02) - 1.0).abs() < 0.033);
 }
 
-/// Nine squares without the middle one and one at a corner: two of the remaining ones touch in one
-/// node.
+/// Nine squares without the middle one and one at a corner: two of the others touch in one node.
 #[test]
 fn a_rim_through_one_node_twice_is_refused() {
     let (surface, _) = without(&rectangle(3, 3, 3.0, 3.0), |c| {
@@ -217,7 +206,6 @@ fn a_rim_through_one_node_twice_is_refused() {
 proptest! {
     #![proptest_config(fixtures::cases(32))]
 
-    /// Electrodes of any width and position: lengths and area are exact to rounding.
     #[test]
     fn widths_are_exact_wherever_electrodes_lie(
         start in 0.0..TAU,
@@ -225,9 +213,8 @@ proptest! {
         edge in prop::option::of(0.02..0.3f64),
     ) {
         let saddle = saddle();
-        let electrodes = around_saddle(start, &widths);
         let settings = MeshSettings { electrode_edge_m: edge, ..MeshSettings::default() };
-        let mesh = place_electrodes(&saddle, &electrodes, &settings).unwrap();
+        let mesh = place_electrodes(&saddle, &around_saddle(start, &widths), &settings).unwrap();
         for (l, &width) in widths.iter().enumerate() {
             let found = mesh.electrode_measure(l).unwrap();
             // an end may be taken for a node within 1e-4 of an edge of 0.13

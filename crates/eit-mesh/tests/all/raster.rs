@@ -35,25 +35,22 @@ fn samples(surface: &Surface, f: impl Fn([f64; 2]) -> f64) -> Vec<f64> {
 
 #[test]
 fn two_triangles_by_hand() {
-    // the unit square cut along its diagonal, on 2 x 2 pixels: the diagonal runs from the lower
-    // left to the upper right, so pixels [0, 0] and [1, 1] lie in one triangle, the others in both
+    // a square cut from the lower left to the upper right: pixels [0, 0] and [1, 1] lie in one triangle
     let raster = Raster::new(&surfaces::rectangle(1, 1, 1.0, 1.0), 2).unwrap();
     assert_eq!(raster.pixel_m(), 0.5);
     assert_eq!(raster.extent_m(), [0.0, 1.0, 0.0, 1.0]);
     assert_eq!(raster.coverage(), array![[1.0, 1.0], [1.0, 1.0]]);
     assert_eq!(raster.masked_pixels(), [[0, 0], [0, 1], [1, 0], [1, 1]]);
     assert_eq!(raster.centre_m(0, 1), [0.75, 0.75]);
-    assert_eq!(raster.pixel_at([0.75, 0.8]), Some([0, 1]));
-    assert_eq!(raster.pixel_at([1.0, 0.0]), Some([1, 1]));
-    assert_eq!(raster.pixel_at([1.1, 0.0]), None);
-    assert_eq!(raster.pixel_at([f64::NAN, 0.0]), None);
+    let places = [[0.75, 0.8], [1.0, 0.0], [1.1, 0.0], [f64::NAN, 0.0]];
+    let pixels = [Some([0, 1]), Some([1, 1]), None, None];
+    assert_eq!(places.map(|place| raster.pixel_at(place)), pixels);
     let down = raster.pixel_from_element();
     assert_eq!((down.rows(), down.columns()), (4, 2));
     assert_eq!(down.row_starts(), [0, 1, 3, 5, 6]);
     assert_eq!(down.column_indices(), [1, 0, 1, 0, 1, 0]);
     assert_eq!(down.values(), [1.0, 0.5, 0.5, 0.5, 0.5, 1.0]);
-    assert_eq!(down.row(4), (&[][..], &[][..]));
-    assert_eq!(down.row(usize::MAX), (&[][..], &[][..]));
+    assert_eq!([4, usize::MAX].map(|row| down.row(row)), [(&[][..], &[][..]); 2]);
     let up = raster.element_from_pixel();
     assert_eq!((up.rows(), up.columns()), (2, 4));
     assert_eq!(up.row(0), (&[1, 2, 3][..], &[0.25, 0.25, 0.5][..]));
@@ -78,8 +75,7 @@ fn the_grid_is_centred_and_row_0_is_at_the_top() {
         assert_eq!(masked, row == 1 || row == 2);
     }
     let image = raster.image_from_elements(&samples(&surface, |[_, y]| y)).unwrap();
-    assert!(image[[1, 0]] > image[[2, 0]]);
-    assert!(image[[0, 0]].is_nan());
+    assert!(image[[1, 0]] > image[[2, 0]] && image[[0, 0]].is_nan());
 }
 
 /// Overlaps add up to the skin, rows are sorted and sum to one, and the masked integral is kept.
@@ -128,8 +124,7 @@ fn half_covered_pixels_are_masked() {
     // a right triangle on 4 x 4 pixels: its long side halves the four pixels of the diagonal
     let surface =
         Surface::new(vec![[0.0; 3], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0]], vec![[0, 1, 2]]).unwrap();
-    let raster = Raster::new(&surface, 4).unwrap();
-    for ((row, column), &masked) in raster.mask().indexed_iter() {
+    for ((row, column), &masked) in Raster::new(&surface, 4).unwrap().mask().indexed_iter() {
         assert_eq!(masked, column <= row, "{row} {column}");
     }
 }
@@ -156,9 +151,8 @@ fn the_masked_integral_is_kept() {
     let elements = samples(&surface, |[x, y]| 1.0 + (30.0 * x).sin() * (20.0 * y).cos());
     let pixels = apply(raster.pixel_from_element(), &elements);
     let down = dot(raster.covered_areas_m2(), &pixels);
-    let below = dot(raster.masked_areas_m2(), &elements);
     // sums of 1700 positive terms
-    assert!((down / below - 1.0).abs() < 1e-13);
+    assert!((down / dot(raster.masked_areas_m2(), &elements) - 1.0).abs() < 1e-13);
     let back = apply(raster.element_from_pixel(), &pixels);
     assert!((dot(raster.masked_areas_m2(), &back) / down - 1.0).abs() < 1e-13);
     // both operators are the same areas, divided by rows or columns: c P = (a E)'
@@ -167,11 +161,9 @@ fn the_masked_integral_is_kept() {
         for (&t, w) in triangles.iter().zip(weights) {
             let (columns, up) = raster.element_from_pixel().row(t as usize);
             let place = columns.iter().position(|&c| c as usize == row).unwrap();
-            let (one, other) = (
-                raster.covered_areas_m2()[row] * w,
-                raster.masked_areas_m2()[t as usize] * up[place],
-            );
-            assert!((one - other).abs() <= 1e-14 * raster.pixel_m().powi(2));
+            let of_pixel = raster.covered_areas_m2()[row] * w;
+            let of_triangle = raster.masked_areas_m2()[t as usize] * up[place];
+            assert!((of_pixel - of_triangle).abs() <= 1e-14 * raster.pixel_m().powi(2));
         }
     }
     // all pixels of a rectangle that fills the grid are masked: the whole integral is kept
@@ -305,8 +297,7 @@ fn products_agree() {
     let dense = Array2::from_shape_fn((matrix.columns(), 3), |(i, j)| ((7 * i + j) as f64).sin());
     let product = matrix.multiply_dense(dense.view()).unwrap();
     for (column, result) in dense.columns().into_iter().zip(product.columns()) {
-        let x = column.to_vec();
-        for (a, b) in apply(matrix, &x).iter().zip(result) {
+        for (a, b) in apply(matrix, &column.to_vec()).iter().zip(result) {
             assert!((a - b).abs() < 1e-15, "sums of a few products below 1");
         }
     }
@@ -333,8 +324,7 @@ fn surfaces_without_a_picture_are_refused() {
     // folded at x = 0.5 like a tent lying on its side
     let folded = surfaces::moved(&flat, |[x, y, _]| [0.7 * x.min(1.05 - x), y, x]);
     assert_error!(Raster::new(&folded, 16), MeshError::FoldedSurface { .. });
-    // a ramp of one and a half turns: every triangle faces up, but half of the ring is covered
-    // twice
+    // a ramp of one and a half turns faces up everywhere, but covers half of the ring twice
     let ramp = surfaces::moved(&surfaces::rectangle(60, 4, 1.0, 1.0), |[x, y, _]| {
         let angle = 3.0 * std::f64::consts::PI * x;
         [(2.0 - y) * angle.sin(), (2.0 - y) * angle.cos(), -x]
@@ -344,9 +334,8 @@ fn surfaces_without_a_picture_are_refused() {
         assert_error!(Raster::new(&flat, pixels), MeshError::OutOfRange { .. });
     }
     // a strip of 1 m x 1 mm: one pixel of 1/16 m holds 1 mm, cut by no row or by the middle one in two
-    let strip = surfaces::rectangle(4, 1, 1.0, 1e-3);
     assert_error!(
-        Raster::new(&strip, 16),
+        Raster::new(&surfaces::rectangle(4, 1, 1.0, 1e-3), 16),
         MeshError::NoMaskedPixel { pixels: 16, largest } if (largest - 0.008).abs() < 1e-12
     );
 }

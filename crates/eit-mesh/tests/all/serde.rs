@@ -7,10 +7,8 @@ use eit_mesh::{
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// Checks that a value is the same after JSON.
 fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
-    let text = serde_json::to_string(value).unwrap();
-    assert_eq!(serde_json::from_str::<T>(&text).unwrap(), *value);
+    assert_eq!(serde_json::from_str::<T>(&serde_json::to_string(value).unwrap()).unwrap(), *value);
 }
 
 #[test]

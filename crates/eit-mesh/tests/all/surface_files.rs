@@ -76,7 +76,6 @@ fn lengths_are_scaled_and_files_are_known_by_their_ending() {
     }
 }
 
-/// An STL file cut off anywhere is rejected with a message that says so.
 #[test]
 fn truncated_stl_files_are_named() {
     let surface = half_sphere(1, 1.0);
@@ -164,8 +163,7 @@ fn harmless_faults_are_mended_and_noted() {
     let (surface, repairs) = Surface::repaired(nodes, triangles, 1e-6).unwrap();
     assert_eq!((surface.nodes().len(), surface.triangles().len()), (5, 3));
     assert_eq!((repairs.merged_nodes, repairs.dropped_nodes), (1, 1));
-    let found = (repairs.dropped_triangles, repairs.turned_triangles, repairs.slivers);
-    assert_eq!(found, (2, 1, 0));
+    assert_eq!((repairs.dropped_triangles, repairs.turned_triangles, repairs.slivers), (2, 1, 0));
     let notes = repairs.notes();
     assert_eq!(notes.len(), 4, "{notes:?}");
     assert_eq!(repairs.to_string(), notes.join("\n"));
@@ -191,8 +189,7 @@ fn slivers_are_kept_and_noted() {
     assert!(repairs.notes()[0].contains("triangle 0"), "{repairs}");
 }
 
-/// Faults that change the skin are rejected with the position and the index in the file, not that
-/// after repair.
+/// The index is that in the file, not that after repair.
 #[test]
 fn faults_that_change_the_skin_are_refused_with_index_and_place() {
     let (mut nodes, mut triangles) = square();
@@ -234,12 +231,16 @@ fn two_plates(apart_m: f64) -> String {
     )
 }
 
+fn read_msh(content: impl AsRef<[u8]>) -> (Mesh, Repairs) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("skin.msh");
+    std::fs::write(&path, content).unwrap();
+    read_mesh(&path, 1.0).unwrap()
+}
+
 #[test]
 fn gmsh_parts_with_common_places_are_joined() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("two.msh");
-    std::fs::write(&path, two_plates(0.0)).unwrap();
-    let (mesh, repairs) = read_mesh(&path, 1.0).unwrap();
+    let (mesh, repairs) = read_msh(two_plates(0.0));
     assert_eq!((mesh.surface().nodes().len(), mesh.surface().triangles().len()), (7, 5));
     assert_eq!((repairs.merged_nodes, repairs.dropped_nodes), (2, 1));
     assert_eq!(repairs.notes().len(), 2, "{repairs}");
@@ -253,25 +254,19 @@ fn gmsh_parts_with_common_places_are_joined() {
 
 #[test]
 fn a_cut_in_a_gmsh_mesh_stays_and_is_noted() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("cut.msh");
     // four triangles around a centre, cut from there to the corner [1, 1], which exists twice
     let nodes =
         vec![[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0.5, 0.5, 0.], [1., 1., 0.]];
-    let triangles = vec![[0, 1, 4], [1, 2, 4], [5, 3, 4], [3, 0, 4]];
-    let surface = Surface::new(nodes, triangles).unwrap();
+    let surface = Surface::new(nodes, vec![[0, 1, 4], [1, 2, 4], [5, 3, 4], [3, 0, 4]]).unwrap();
     let mesh = Mesh::new(surface, vec![Electrode::Rim(vec![[0, 1]])]).unwrap();
     let mut bytes = Vec::new();
     write_gmsh(&mesh, &mut bytes, GmshVersion::V2_2, &[]).unwrap();
-    std::fs::write(&path, bytes).unwrap();
-    let (read, repairs) = read_mesh(&path, 1.0).unwrap();
-    assert_eq!(read, mesh);
-    assert_eq!(repairs.coincident_nodes, 1);
+    let (read, repairs) = read_msh(bytes);
+    assert_eq!((read, repairs.coincident_nodes), (mesh, 1));
     assert!(repairs.notes()[0].contains("cut"), "{repairs}");
 }
 
-/// An electrode without edges and one on an inner edge (as if a hole had been filled) are reported
-/// with their lines.
+/// An electrode without edges, and one on an inner edge, as if a hole had been filled.
 #[test]
 fn electrodes_that_cover_nothing_are_refused_with_their_line() {
     let text = two_plates(0.0);
@@ -290,7 +285,6 @@ fn electrodes_that_cover_nothing_are_refused_with_their_line() {
 proptest! {
     #![proptest_config(fixtures::cases(256))]
 
-    /// The readers return a result for any bytes, and for a file with bytes changed or removed.
     #[test]
     fn readers_never_panic_on_damaged_files(
         noise in prop::collection::vec(any::<u8>(), 0..400),
@@ -315,8 +309,7 @@ proptest! {
         }
     }
 
-    /// Any rectangle made of triangles with separate corners, jittered within the tolerance,
-    /// is restored with its nodes merged and its area preserved.
+    /// A rectangle of triangles with separate corners, jittered within the tolerance, is restored.
     #[test]
     fn jittered_corners_are_merged(
         columns in 1..6u32, rows in 1..6u32,

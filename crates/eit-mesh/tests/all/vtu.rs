@@ -14,8 +14,7 @@ fn array(document: &Document<'_>, parent: &str, name: &str, kind: &str) -> Vec<u
             && n.parent().is_some_and(|p| p.has_tag_name(parent))
     };
     let node = document.descendants().find(is_array).unwrap();
-    assert_eq!(node.attribute("type"), Some(kind));
-    assert_eq!(node.attribute("format"), Some("binary"));
+    assert_eq!((node.attribute("type"), node.attribute("format")), (Some(kind), Some("binary")));
     let text = node.text().unwrap().trim();
     let bytes = base64::engine::general_purpose::STANDARD.decode(text).unwrap();
     let (length, values) = bytes.split_at(8);
@@ -33,22 +32,20 @@ fn check(mesh: &Mesh, fields: &[ElementField<'_>]) {
     let mut bytes = Vec::new();
     write_vtu(mesh, &mut bytes, fields).unwrap();
     let text = String::from_utf8(bytes).unwrap();
-    let document = Document::parse(&text).unwrap();
-    let root = document.root_element();
+    let xml = Document::parse(&text).unwrap();
+    let root = xml.root_element();
     assert!(root.has_tag_name("VTKFile"));
     assert_eq!(root.attribute("type"), Some("UnstructuredGrid"));
     assert_eq!(root.attribute("byte_order"), Some("LittleEndian"));
     assert_eq!(root.attribute("header_type"), Some("UInt64"));
 
-    let bits =
-        |parent, name| numbers(&array(&document, parent, name, "Float64"), u64::from_le_bytes);
-    let integers =
-        |parent, name| numbers(&array(&document, parent, name, "Int64"), i64::from_le_bytes);
+    let bits = |parent, name| numbers(&array(&xml, parent, name, "Float64"), u64::from_le_bytes);
+    let integers = |parent, name| numbers(&array(&xml, parent, name, "Int64"), i64::from_le_bytes);
     let wanted: Vec<u64> = mesh.surface().nodes().iter().flatten().map(|x| x.to_bits()).collect();
     assert_eq!(bits("Points", "Points"), wanted);
 
     let (nodes, ends) = (integers("Cells", "connectivity"), integers("Cells", "offsets"));
-    let kinds = array(&document, "Cells", "types", "UInt8");
+    let kinds = array(&xml, "Cells", "types", "UInt8");
     let starts = std::iter::once(0).chain(ends.iter().copied());
     let cells: Vec<&[i64]> =
         starts.zip(&ends).map(|(start, &end)| &nodes[start as usize..end as usize]).collect();
@@ -67,7 +64,7 @@ fn check(mesh: &Mesh, fields: &[ElementField<'_>]) {
         .map(|((cell, kind), number)| (kind, cell.iter().map(|&n| n as u32).collect(), number))
         .collect();
     assert_eq!(found, wanted);
-    let piece = document.descendants().find(|n| n.has_tag_name("Piece")).unwrap();
+    let piece = xml.descendants().find(|n| n.has_tag_name("Piece")).unwrap();
     assert_eq!(piece.attribute("NumberOfCells"), Some(wanted.len().to_string().as_str()));
     let points = mesh.surface().nodes().len().to_string();
     assert_eq!(piece.attribute("NumberOfPoints"), Some(points.as_str()));

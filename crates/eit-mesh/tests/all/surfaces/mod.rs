@@ -3,8 +3,7 @@
 use eit_mesh::{Electrode, Mesh, SkinShape, Surface};
 use std::f64::consts::TAU;
 
-/// Delaunay refinement stops at 28 degrees. Smoothing improves the mean at the expense of angles
-/// but preserves the worst quality, which costs a few degrees at worst.
+/// Delaunay refinement stops at 28 degrees; smoothing costs a few of them at worst.
 pub(crate) const LEAST_ANGLE_DEG: f64 = 25.0;
 
 pub(crate) fn polygon(outline_m: Vec<[f64; 2]>, holes_m: Vec<Vec<[f64; 2]>>) -> SkinShape {
@@ -20,12 +19,10 @@ pub(crate) fn box_m([left, low]: [f64; 2], [right, high]: [f64; 2]) -> Vec<[f64;
     vec![[left, low], [right, low], [right, high], [left, high]]
 }
 
-/// A disc of concentric rings around the origin: ring k has 6 k nodes, and there are `6 rings^2`
-/// triangles.
+/// A disc of concentric rings: ring k has 6 k nodes, and there are `6 rings^2` triangles.
 pub(crate) fn disc(rings: u32, radius_m: f64) -> Surface {
     let ring_start = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
-    let mut nodes = vec![[0.0; 3]];
-    let mut triangles = Vec::new();
+    let (mut nodes, mut triangles) = (vec![[0.0; 3]], Vec::new());
     for k in 1..=rings {
         let radius = radius_m * f64::from(k) / f64::from(rings);
         for i in 0..6 * k {
@@ -50,8 +47,7 @@ pub(crate) fn disc(rings: u32, radius_m: f64) -> Surface {
 /// A rectangle with its lower left corner at the origin, of 2 x columns x rows right triangles.
 pub(crate) fn rectangle(columns: u32, rows: u32, width_m: f64, height_m: f64) -> Surface {
     let node = |c: u32, r: u32| r * (columns + 1) + c;
-    let mut nodes = Vec::new();
-    let mut triangles = Vec::new();
+    let (mut nodes, mut triangles) = (Vec::new(), Vec::new());
     for r in 0..=rows {
         for c in 0..=columns {
             let (x, y) = (f64::from(c) / f64::from(columns), f64::from(r) / f64::from(rows));
@@ -66,14 +62,12 @@ pub(crate) fn rectangle(columns: u32, rows: u32, width_m: f64, height_m: f64) ->
     Surface::new(nodes, triangles).unwrap()
 }
 
-/// The same triangles with every node moved.
 pub(crate) fn moved(surface: &Surface, position: impl Fn([f64; 3]) -> [f64; 3]) -> Surface {
     let nodes = surface.nodes().iter().map(|&p| position(p)).collect();
     Surface::new(nodes, surface.triangles().to_vec()).unwrap()
 }
 
-/// Electrodes 1 (two edges) and 3 (one reversed edge) on the rim, and electrode 2, a patch of
-/// triangles that are not all consecutive in the list.
+/// Electrodes 1 (two edges) and 3 (one reversed edge) on the rim; 2 is a patch of scattered triangles.
 pub(crate) fn with_electrodes(surface: Surface) -> Mesh {
     let rim = surface.rim_edges();
     let electrodes = vec![
@@ -92,7 +86,6 @@ pub(crate) fn half_sphere(rings: u32, radius_m: f64) -> Surface {
     })
 }
 
-/// A surface as a binary STL file.
 pub(crate) fn binary_stl(surface: &Surface) -> Vec<u8> {
     // many programs begin binary files with the same word as text files
     let mut bytes = b"solid exported".to_vec();
