@@ -7,12 +7,10 @@ use std::hint::black_box;
 
 #[test]
 fn solves_on_moved_nodes_allocate_nothing() {
-    let mesh = round_disc(8);
-    let protocol = adjacent(12);
+    let (mesh, protocol) = (round_disc(8), adjacent(12));
     for elements in BOTH {
         let model = model_of(&mesh, &protocol, &[0.05; 12], elements);
-        let mut workspace = model.workspace().unwrap();
-        let mut geometry = model.geometry();
+        let (mut workspace, mut geometry) = (model.workspace().unwrap(), model.geometry());
         let mut nodes = mesh.surface().nodes().to_vec();
         let mut voltages = vec![0.0; protocol.measurements()];
         let mut jacobian = Array2::zeros((protocol.measurements(), model.elements()));

@@ -47,8 +47,7 @@ fn counts_must_agree_and_values_be_possible() {
     says(model.forward(&[1.0; 5]), "conductivity (one per element): 5 values given, 96 needed");
 }
 
-/// Every kind of mismatched workspace is rejected, but one of another model with equal sizes is
-/// accepted.
+/// Every mismatched workspace is rejected, but one of another model with equal sizes is accepted.
 #[test]
 fn workspaces_of_other_models_are_refused() {
     let model = model();
@@ -84,8 +83,7 @@ fn workspaces_of_other_models_are_refused() {
     let mut same_sizes = on_the_same_mesh(&kept()).workspace().unwrap();
     let wanted = model.forward(&conductivity).unwrap();
     assert_eq!(model.solve(&conductivity, &mut same_sizes).unwrap().measurements(), wanted);
-    // nodes, edges, electrodes except one, and their nodes: 217 + 600 + 11 + 33 and 61 + 156 + 11 +
-    // 22
+    // nodes, edges, electrodes but one, and their nodes: 217 + 600 + 11 + 33 and 61 + 156 + 11 + 22
     says(
         model.solve(&conductivity, &mut finer.workspace().unwrap()).map(|_| ()),
         "workspace of another model: its matrix: 861 values given, 250 needed",
@@ -95,9 +93,8 @@ fn workspaces_of_other_models_are_refused() {
 #[test]
 fn buffers_must_have_the_shape_of_the_answer() {
     let model = model();
-    let conductivity = vec![1.0; model.elements()];
     let mut workspace = model.workspace().unwrap();
-    let mut solution = model.solve(&conductivity, &mut workspace).unwrap();
+    let mut solution = model.solve(&vec![1.0; model.elements()], &mut workspace).unwrap();
     says(
         solution.measurements_into(&mut [0.0; 107]),
         "voltages (one per measurement): 107 values given, 108 needed",
@@ -114,7 +111,6 @@ fn buffers_must_have_the_shape_of_the_answer() {
     into(108, 96).unwrap();
 }
 
-/// Values at the ends of the floating-point range give an error, never NaN.
 #[test]
 fn overflow_is_an_error() {
     let mesh = strip(1.0, 1.0, 2, 2);

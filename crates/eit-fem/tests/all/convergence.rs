@@ -18,8 +18,7 @@ fn mesh(nodes: usize, first_angle_deg: f64) -> Mesh {
     // edges at the electrode ends shrink with the others, so the meshes form a similar family
     let ends = WIDTH_M / 4.0 * (500.0 / nodes as f64).sqrt();
     let graded = MeshSettings { electrode_edge_m: Some(ends), ..Default::default() };
-    let settings = graded.for_nodes(&skin, &electrodes, nodes).unwrap();
-    generate(&skin, &electrodes, &settings).unwrap()
+    generate(&skin, &electrodes, &graded.for_nodes(&skin, &electrodes, nodes).unwrap()).unwrap()
 }
 
 fn voltages(mesh: &Mesh, conductivity: impl Fn([f64; 3]) -> f64) -> Array1<f64> {
@@ -71,8 +70,7 @@ fn turning_the_scene_changes_only_discretisation_error() {
         let error = relative(&voltages(&here, |_| CONDUCTIVITY_S), &PAPER_VOLTAGES[0]);
         let v = voltages(&here, touched(10.0));
         // electrode 1 of the rotated skin is where electrode 2 was; the touch is rotated too
-        let w = voltages(&turned, touched(10.0 + PITCH_DEG));
-        let change = relative(&w, &v);
+        let change = relative(&voltages(&turned, touched(10.0 + PITCH_DEG)), &v);
         println!("{nodes} nodes: turning changes {change:.2e}, error {error:.2e}");
         // without rotating the touch, the voltages differ
         let other = relative(&voltages(&turned, touched(10.0)), &v);

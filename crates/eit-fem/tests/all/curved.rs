@@ -72,9 +72,8 @@ fn bessel(x: f64) -> (f64, f64) {
     (zero, one)
 }
 
-/// A round patch in the centre of a disc, with the whole rim as the other electrode. Under the
-/// patch, `u - U` is proportional to `I_0(r / s)` with `s^2 = sigma z`; outside, `u` is
-/// logarithmic.
+/// A round patch in the centre of a disc, with the whole rim as the other electrode. Under the patch
+/// `u - U` is proportional to `I_0(r / s)` with `s^2 = sigma z`; outside, `u` is logarithmic.
 #[test]
 fn a_patch_in_the_middle_of_a_disc_converges_to_the_closed_form() {
     let (current_a, patch_m, rim_z, patch_z) = (1e-4, 0.03, 1e3, 20.0);
@@ -86,20 +85,17 @@ fn a_patch_in_the_middle_of_a_disc_converges_to_the_closed_form() {
     let disc = SkinShape::Disc { radius_m: RADIUS_M };
     let (mut nodes, mut errors) = (Vec::new(), Vec::new());
     for wanted in [500, 2000, 8000] {
-        let edge = 0.01 * (500.0 / f64::from(wanted)).sqrt();
-        let settings =
-            MeshSettings { electrode_edge_m: Some(edge), ..MeshSettings::with_edge(edge) };
+        let h = 0.01 * (500.0 / f64::from(wanted)).sqrt();
+        let settings = MeshSettings { electrode_edge_m: Some(h), ..MeshSettings::with_edge(h) };
         let patch = [PlacedElectrode::patch([0.0; 3], patch_m)];
         let mesh = generate_placed(&disc, &patch, &settings).unwrap();
         let rim = Electrode::Rim(mesh.surface().rim_edges().to_vec());
         let mesh = with_electrodes(&mesh, |list| list.insert(0, rim));
         let protocol = Protocol::from_quadruples(2, &[[1, 0, 1, 0]], current_a).unwrap();
         let model = ForwardModel::new(&mesh, &protocol, &[rim_z, patch_z]).unwrap();
-        let found = even(&model, CONDUCTIVITY_S)[0];
         nodes.push(mesh.surface().nodes().len());
-        errors.push((found / exact - 1.0).abs());
+        errors.push((even(&model, CONDUCTIVITY_S)[0] / exact - 1.0).abs());
     }
-    // the solution is smooth on both sides of the patch's outline, which the mesh follows: clean
-    // order 2
+    // the solution is smooth on both sides of the patch's outline, which the mesh follows
     assert_order_two(&nodes, &errors, 0.3);
 }

@@ -1,12 +1,11 @@
 //! The examples run and give the expected results.
+#![allow(dead_code, reason = "the examples' own `main` is not called")]
 
 #[path = "../../examples/forward.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod forward;
 
-/// For a touch of one per cent, the non-linear part is second order: 1 % of the change. In a disc,
-/// where an inclusion of contrast `1 + e` acts as `e / (1 + e / 2)`, it is 0.5 %, and up to twice
-/// that near the inclusion.
+/// For a touch of one per cent, the non-linear part is 0.5 % of the change in a disc, where an
+/// inclusion of contrast `1 + e` acts as `e / (1 + e / 2)`, and up to twice that near it.
 #[test]
 fn forward_example() {
     let (change_v, unexplained) = forward::run().unwrap();
@@ -15,7 +14,6 @@ fn forward_example() {
 }
 
 #[path = "../../examples/elements.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod elements;
 
 /// On meshes of at most 1 000 nodes, quadratic elements are more accurate by two decades.
@@ -27,7 +25,6 @@ fn elements_example() {
 
 #[cfg(feature = "fabric")]
 #[path = "../../examples/fabric.rs"]
-#[allow(dead_code, reason = "main of the example is not called here")]
 mod fabric;
 
 /// A finger changes the voltages far more than noise and drift (amplitudes in `docs/FABRIC.md`).

@@ -58,9 +58,8 @@ fn deflection_solves_the_membrane_equation() {
             // rounding of the difference: 1e-16 / 1e-6, relative to the curvature
             let scale = dent.at(0.0).pressure_pa;
             assert!((p - w.pressure_pa).abs() < 1e-6 * scale, "{tip:?} {r}: {p}");
-            let derivative =
-                (dent.at(r + h).deflection_m - dent.at(r - h).deflection_m) / (2.0 * h);
-            assert!((derivative - w.slope).abs() < 1e-8, "{tip:?} {r}");
+            let found = (dent.at(r + h).deflection_m - dent.at(r - h).deflection_m) / (2.0 * h);
+            assert!((found - w.slope).abs() < 1e-8, "{tip:?} {r}");
         }
         let (inside, outside) = (dent.at(a), dent.at(a * (1.0 + 1e-12)));
         // the step beside the edge is 1e-12
@@ -178,8 +177,7 @@ fn virgin_curve() {
 proptest! {
     #![proptest_config(fixtures::cases(256))]
 
-    /// Return-point memory (wiping out): an excursion that returns to its turning point leaves no
-    /// trace.
+    /// Return-point memory: an excursion that returns to its turning point leaves no trace.
     #[test]
     fn return_point_memory(top in 0.3f64..0.8, low in 0.0f64..0.29, inner in 0.0f64..1.0, after in 0.0f64..1.0) {
         let inner = low + inner * (top - low);
@@ -190,8 +188,7 @@ proptest! {
         prop_assert!((plain[1] - excursion[3]).abs() < 1e-15);
     }
 
-    /// Congruency: minor loops between the same drives have the same height, independent of the
-    /// history.
+    /// Minor loops between the same drives have the same height, independent of the history.
     #[test]
     fn congruency(first in 0.5f64..0.9, second in 0.5f64..0.9, low in 0.0f64..0.2, high in 0.25f64..0.49) {
         let height = |history: [f64; 2]| {
@@ -204,7 +201,7 @@ proptest! {
         prop_assert!((other.0 + other.1).abs() < 1e-14);
     }
 
-    /// Rate independence: additional points on a monotonic path change nothing.
+    /// Additional points on a monotonic path change nothing.
     #[test]
     fn rate_independence(top in 0.1f64..0.9, low in 0.0f64..0.5, part in 0.0f64..1.0) {
         let between = low + part * (top - low);
@@ -227,12 +224,9 @@ fn loops_have_area() {
 #[test]
 fn relaxation_follows_the_exponential() {
     for share in [0.3, -0.2] {
-        let settings = Piezoresistance {
-            hysteresis: 0.0,
-            relaxing: vec![share],
-            relaxation_s: vec![0.7],
-            ..Default::default()
-        };
+        let (relaxing, relaxation_s) = (vec![share], vec![0.7]);
+        let settings =
+            Piezoresistance { hysteresis: 0.0, relaxing, relaxation_s, ..Default::default() };
         let drives = [[0.5; 60], [0.0; 60]].concat();
         let (dt, tau) = (0.1, 0.7);
         // y after the ramp: 1 - tau/dt (1 - exp(-dt/tau)) of the step

@@ -1,32 +1,29 @@
 //! What real fabric and instruments do beyond the paper's skin: each effect alone, against its closed form.
 
-use crate::common::skins::{changed, disc, finger, key, script};
+use crate::common::skins::{changed, disc, finger, key, script, try_simulate};
 use crate::common::{CONDUCTIVITY_S, IMPEDANCE_OHM_M, largest, paper_protocol};
 use eit_fem::Protocol;
-use eit_fem::fabric::{
-    Fabric, FabricSettings, Key, Simulation, SimulationSettings, Tip, TouchScript, TrueQuality,
-};
+use eit_fem::fabric::{Fabric, FabricSettings, Key, Simulation, Tip, TouchScript, TrueQuality};
 use eit_mesh::{Mesh, Raster};
 use std::sync::LazyLock;
 
 static MESH: LazyLock<Mesh> = LazyLock::new(|| disc(0.006));
 /// For instruments, which do not depend on it.
 static COARSE: LazyLock<Mesh> = LazyLock::new(|| disc(0.02));
-/// Pixels of 1.6 mm.
-static RASTER: LazyLock<Raster> = LazyLock::new(|| Raster::new(MESH.surface(), 128).unwrap());
+/// Of 1.6 mm.
+const FINE_PIXELS: usize = 128;
 
 fn simulate_script(
     mesh: &Mesh,
     protocol: &Protocol,
     script: &TouchScript,
-    raster: &Raster,
+    pixels: usize,
     change: impl Fn(&mut FabricSettings),
 ) -> Simulation {
     let settings = changed(FabricSettings::ideal(), change);
     let impedance = [IMPEDANCE_OHM_M; 16];
     let fabric = Fabric::new(mesh, protocol, CONDUCTIVITY_S, &impedance, &settings).unwrap();
-    let how = SimulationSettings { keep_elements: true, ..Default::default() };
-    fabric.simulate(script, raster, &how, &mut |_| {}).unwrap()
+    try_simulate(mesh, &fabric, script, pixels).unwrap()
 }
 
 fn of_keys(frames: usize, keys: Vec<Key>) -> TouchScript {
@@ -40,29 +37,25 @@ fn press(frames: usize) -> TouchScript {
 }
 
 fn simulate(frames: usize, change: impl Fn(&mut FabricSettings)) -> Simulation {
-    let raster = Raster::new(MESH.surface(), 8).unwrap();
-    simulate_script(&MESH, &paper_protocol(), &press(frames), &raster, change)
+    simulate_script(&MESH, &paper_protocol(), &press(frames), 8, change)
 }
 
 /// Frames of an instrument.
 fn measure(frames: usize, change: impl Fn(&mut FabricSettings)) -> Simulation {
-    let raster = Raster::new(COARSE.surface(), 8).unwrap();
-    simulate_script(&COARSE, &paper_protocol(), &press(frames), &raster, change)
+    simulate_script(&COARSE, &paper_protocol(), &press(frames), 8, change)
 }
 
 /// ln(sigma / sigma_0) of each element in a frame.
 fn logarithms(made: &Simulation, frame: usize) -> Vec<f64> {
     let changes = made.truth.element_change_s.as_ref().unwrap();
-    let untouched = &made.truth.untouched_s;
-    changes.row(frame).iter().zip(untouched).map(|(c, s)| (c / s).ln_1p()).collect()
+    changes.row(frame).iter().zip(&made.truth.untouched_s).map(|(c, s)| (c / s).ln_1p()).collect()
 }
 
 /// The integral of the change falls by the ring's share, and the change is negative around the finger.
 #[test]
 fn a_ring_takes_its_share() {
-    let areas_m2 = MESH.surface().areas_m2();
     let integral = |made: &Simulation| -> f64 {
-        logarithms(made, 12).iter().zip(areas_m2).map(|(c, area)| c * area).sum()
+        logarithms(made, 12).iter().zip(MESH.surface().areas_m2()).map(|(c, area)| c * area).sum()
     };
     let plain = integral(&simulate(13, |_| {}));
     for share in [0.35, 0.7] {
@@ -70,8 +63,7 @@ fn a_ring_takes_its_share() {
         let found = 1.0 - integral(&made) / plain;
         // elements of 6 mm under a finger of 7 mm
         assert!((found - share).abs() < 0.03, "{share}: {found}");
-        let centroids = MESH.surface().centroids();
-        let mut around = logarithms(&made, 12).into_iter().zip(centroids);
+        let mut around = logarithms(&made, 12).into_iter().zip(MESH.surface().centroids());
         let is_around = |c: [f64; 3]| (0.035..0.05).contains(&c[0].hypot(c[1]));
         assert!(around.all(|(change, c)| !is_around(c) || change < 0.0));
     }
@@ -106,10 +98,9 @@ fn common_mode_leaks() {
     let all: Vec<[u32; 4]> =
         pairs.into_iter().chain(singles.into_iter().flatten().flatten()).collect();
     let protocol = Protocol::from_quadruples(16, &all, 1e-4).unwrap();
-    let raster = Raster::new(COARSE.surface(), 8).unwrap();
     let voltages = |common_mode_db| {
         let change = |s: &mut FabricSettings| s.instrument.common_mode_db = common_mode_db;
-        simulate_script(&COARSE, &protocol, &press(6), &raster, change).frames_v.row(0).to_vec()
+        simulate_script(&COARSE, &protocol, &press(6), 8, change).frames_v.row(0).to_vec()
     };
     let (plain, leaky) = (voltages(None), voltages(Some(40.0)));
     let mut against_sink = plain[pairs.len()..].iter();
@@ -156,11 +147,11 @@ fn moments(weights: impl Iterator<Item = ([f64; 2], f64)>) -> (f64, [f64; 2], f6
 
 /// A press with its pressures in pixels of 1.6 mm, and the moments of those of a frame.
 fn pressed(frames: usize, change: impl Fn(&mut FabricSettings)) -> Simulation {
-    simulate_script(&MESH, &paper_protocol(), &press(frames), &RASTER, change)
+    simulate_script(&MESH, &paper_protocol(), &press(frames), FINE_PIXELS, change)
 }
 
 fn pressure(made: &Simulation, frame: usize) -> (f64, [f64; 2], f64, f64) {
-    let raster = &*RASTER;
+    let raster = Raster::new(MESH.surface(), FINE_PIXELS).unwrap();
     let pixels = made.truth.pressure_pa.index_axis(ndarray::Axis(0), frame);
     let area_m2 = raster.pixel_m().powi(2);
     let at = |((i, j), p): ((usize, usize), &f64)| (raster.centre_m(i, j), p * area_m2);
@@ -222,8 +213,7 @@ fn a_print_rolls_and_turns() {
 #[test]
 fn a_response_saturates() {
     let change = |saturation: Option<f64>| {
-        let made = simulate(13, |s| (s.piezo.ring, s.piezo.saturation) = (0.5, saturation));
-        logarithms(&made, 12)
+        logarithms(&simulate(13, |s| (s.piezo.ring, s.piezo.saturation) = (0.5, saturation)), 12)
     };
     let plain = change(None);
     for most in [0.02, 0.2] {
@@ -231,8 +221,7 @@ fn a_response_saturates() {
         let wanted = plain.iter().map(|c| c / (1.0 + c.abs() / most));
         let exact = limited.iter().zip(wanted).filter(|(c, wanted)| (*c - wanted).abs() < 1e-12);
         // those that the contact's edge cuts are means of limited values
-        assert!(limited.len() - exact.count() < 30);
-        assert!(limited.iter().all(|c| c.abs() < most));
+        assert!(limited.len() - exact.count() < 30 && limited.iter().all(|c| c.abs() < most));
         assert!(limited.iter().any(|c| *c > 0.3 * most) && limited.iter().any(|c| *c < 0.0));
     }
 }
@@ -283,12 +272,11 @@ fn each_drive_has_its_own_time() {
     let slow = of_keys(12, keys);
     let frame_rate_hz = FINE as f64 * slow.frame_rate_hz;
     let fast = TouchScript { frame_rate_hz, frames: 12 * FINE, ..slow.clone() };
-    let raster = Raster::new(MESH.surface(), 8).unwrap();
     let linear = FabricSettings::linear(0.3).linear;
     // linear between instants 1.25 mm apart; on the fabric, elements of 6 mm under a print of 7 mm let the voltages jump
     for (linear, allowed) in [(linear, 0.003), (None, 0.03)] {
         let scanned = |script: &TouchScript, scan_share: f64| {
-            simulate_script(&MESH, &protocol, script, &raster, |s| {
+            simulate_script(&MESH, &protocol, script, 8, |s| {
                 (s.instrument.scan_share, s.linear) = (scan_share, linear);
             })
         };

@@ -1,10 +1,11 @@
 //! A skin that is stepped: the frames of a script, errors, changing times between frames, and derivatives instead of solves.
 
+use crate::common::refused;
 use crate::common::skins::{disc, dome, fabric, finger, key, script};
 use eit_fem::FemError;
 use eit_fem::fabric::{
     Contact, Fabric, FabricSettings, LinearResponse, PlayCircle, SimulatedSkin, SimulationSettings,
-    Tip, TouchScript,
+    Tip, Touch, TouchScript,
 };
 use eit_mesh::{Mesh, Raster};
 
@@ -12,12 +13,9 @@ const SEED: u64 = 5;
 
 /// The fingers of a script at a frame.
 fn contacts(script: &TouchScript, frame: usize) -> Vec<Contact> {
-    let contact = |t: eit_fem::fabric::Touch| Contact {
-        finger: t.finger,
-        tip: t.tip,
-        position_m: t.position_m,
-        force_n: t.force_n,
-        radius_m: t.radius_m,
+    let contact = |touch| {
+        let Touch { finger, tip, position_m, force_n, radius_m, .. } = touch;
+        Contact { finger, tip, position_m, force_n, radius_m }
     };
     script.touches(frame).into_iter().map(contact).collect()
 }
@@ -94,11 +92,9 @@ fn contacts_move_within_a_scan() {
     }
 }
 
-/// After an error the skin is as it was: it goes on as one that never heard of the wrong contact.
 #[test]
 fn an_error_leaves_the_skin_as_it_was() {
-    let mesh = disc(0.016);
-    let fabric = fabric(&mesh, |_| {});
+    let fabric = fabric(&disc(0.016), |_| {});
     let [mut one, mut other] = [(); 2].map(|()| SimulatedSkin::new(&fabric, 1).unwrap());
     let wrong = [
         (Contact { position_m: [0.3, 0.0], ..FINGER }, 0.1),
@@ -126,8 +122,7 @@ fn an_error_leaves_the_skin_as_it_was() {
 /// Drift, relaxation and warming go on in time whatever the frame rate: 2 s in steps of 0.1 s and 0.05 s.
 #[test]
 fn time_passes_at_any_rate() {
-    let mesh = disc(0.016);
-    let fabric = fabric(&mesh, |s| {
+    let fabric = fabric(&disc(0.016), |s| {
         s.drift.time_s = 2.0;
         s.drift.conductivity = 0.05;
         s.drift.warming_per_min = 0.5;
@@ -209,18 +204,16 @@ fn linearised_frames_are_near_solved_ones() {
     }
 }
 
-/// What is not linear is refused before any work.
 #[test]
 fn what_is_not_linear_is_refused() {
     let mesh = disc(0.02);
     type Change = fn(&mut FabricSettings);
-    let refused: [(&str, Change); 3] = [
+    let changes: [(&str, Change); 3] = [
         ("number of loose contacts", |s| s.instrument.loose = vec![2]),
         ("compliance_v", |s| s.instrument.compliance_v = Some(5.0)),
         ("common_mode_db", |s| s.instrument.common_mode_db = Some(50.0)),
     ];
-    for (quantity, change) in refused {
-        let error = SimulatedSkin::linearised(&fabric(&mesh, change), 1).unwrap_err();
-        assert!(error.to_string().contains(quantity), "{error}");
+    for (quantity, change) in changes {
+        refused(SimulatedSkin::linearised(&fabric(&mesh, change), 1), quantity);
     }
 }

@@ -1,13 +1,6 @@
-//! Tests of the crate, in one program: linking one is faster than linking 24. Those of one file:
-//! `cargo test --release -p eit-fem --test all FILE::`.
+//! All tests in one program, to link fast. Those of a file: `cargo test -p eit-fem --test all FILE::`.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests"
-)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 mod common;
 

@@ -13,19 +13,14 @@ fn impedance() -> Vec<f64> {
 }
 
 /// Level `k` of a family of meshes of the paper's disc or a hemisphere, with edges `h = h0 / 2^k`.
-/// At electrode ends, where the potential behaves like r log r, edges scale with `h^2` and the
-/// grading with `h`: elements at distance r are at most about `h r` in size, as order four
-/// requires.
+/// At electrode ends, where the potential behaves like r log r, edges scale with `h^2` and the grading
+/// with `h`: elements at distance r are at most about `h r` in size, as order four requires.
 fn graded(shape: &SkinShape, level: i32) -> Mesh {
     let h = 0.5_f64.powi(level);
     // on a hemisphere: the edge length at the pole, twice that of the disc it is mapped from
     let stretch = if matches!(shape, SkinShape::Hemisphere { .. }) { 2.0 } else { 1.0 };
-    let settings = MeshSettings {
-        edge_m: Some(0.02 * stretch * h),
-        electrode_edge_m: Some(0.005 * h * h),
-        grading: 0.4 * h,
-        ..Default::default()
-    };
+    let edge = MeshSettings::with_edge(0.02 * stretch * h);
+    let settings = MeshSettings { electrode_edge_m: Some(0.005 * h * h), grading: 0.4 * h, ..edge };
     generate(shape, &paper_electrodes(), &settings).unwrap()
 }
 
@@ -48,8 +43,7 @@ fn paper_disc_and_hemisphere_with_uneven_contacts() {
             });
             let orders = halving_orders(&errors);
             println!("{shape:?}, {order:?}: errors {errors:?}, orders {orders:?}");
-            // the coarsest mesh has one edge between electrode ends, so its error may not follow
-            // the others
+            // the coarsest mesh has one edge between electrode ends: its error may be too large
             assert!(orders.iter().all(|order| *order > least), "{order:?}: {orders:?}");
             assert!(change < 0.1 * errors[2], "the series is the better one: {change:e}");
         }

@@ -10,15 +10,13 @@ fn again<T: Serialize + DeserializeOwned>(value: &T) -> T {
     serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
 }
 
-/// Types that compare equal after JSON.
 fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T) {
     assert_eq!(again(value), *value);
 }
 
 #[test]
 fn protocols_and_reports_survive() {
-    let protocol = crate::common::adjacent(12);
-    let mesh = crate::common::ring_disc(4);
+    let (protocol, mesh) = (crate::common::adjacent(12), crate::common::ring_disc(4));
     let model = ForwardModel::new(&mesh, &protocol, &[1.0; 12]).unwrap();
     same(model.protocol());
     same(&PairProtocol { order: Order::Rotated, ..PairProtocol::default() });
@@ -26,8 +24,7 @@ fn protocols_and_reports_survive() {
     same(&ElementOrder::Quadratic);
     same(&RequiredAccuracy::Relative(1e-3));
     let mut workspace = model.workspace().unwrap();
-    let mut solution = model.solve(&vec![1.0; model.elements()], &mut workspace).unwrap();
-    same(&solution.report());
+    same(&model.solve(&vec![1.0; model.elements()], &mut workspace).unwrap().report());
     // patterns are balanced again, to rounding
     let protocol = Protocol::trigonometric(8, &PairPattern::Adjacent, 1e-3).unwrap();
     let read = again(&protocol);

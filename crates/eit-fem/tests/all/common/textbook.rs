@@ -5,7 +5,7 @@ use eit_mesh::{Electrode, Mesh};
 use std::ops::{Add, Div, Mul, Sub};
 
 /// Real, complex or rational numbers.
-pub(crate) trait Number:
+pub trait Number:
     Clone + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
 {
     fn of(x: f64) -> Self;
@@ -24,7 +24,7 @@ impl Number for f64 {
 
 /// `[K + M/z, -m/z; -m^T/z, length/z]` of all node and electrode potentials: gradients of hat
 /// functions from edge normals, masses of edges. `admittance` is 1/z of each electrode.
-pub(crate) fn matrix<T: Number>(mesh: &Mesh, sheet: &[T], admittance: &[T]) -> Vec<Vec<T>> {
+pub fn matrix<T: Number>(mesh: &Mesh, sheet: &[T], admittance: &[T]) -> Vec<Vec<T>> {
     let nodes = mesh.surface().nodes();
     let size = nodes.len() + admittance.len();
     let mut a = vec![vec![T::of(0.0); size]; size];
@@ -65,7 +65,7 @@ pub(crate) fn matrix<T: Number>(mesh: &Mesh, sheet: &[T], admittance: &[T]) -> V
 }
 
 /// The matrix without its last unknown, which is at zero.
-pub(crate) fn grounded<T>(mut a: Vec<Vec<T>>) -> Vec<Vec<T>> {
+pub fn grounded<T>(mut a: Vec<Vec<T>>) -> Vec<Vec<T>> {
     a.pop();
     a.iter_mut().for_each(|row| _ = row.pop());
     a
@@ -73,7 +73,7 @@ pub(crate) fn grounded<T>(mut a: Vec<Vec<T>>) -> Vec<Vec<T>> {
 
 /// Solves `a x = f` for each row of `f`, by Gaussian elimination with row exchanges; unknowns before
 /// `from` are not computed.
-pub(crate) fn solve<T: Number>(mut a: Vec<Vec<T>>, f: &[Vec<T>], from: usize) -> Vec<Vec<T>> {
+pub fn solve<T: Number>(mut a: Vec<Vec<T>>, f: &[Vec<T>], from: usize) -> Vec<Vec<T>> {
     let n = a.len();
     for (i, row) in a.iter_mut().enumerate() {
         row.extend(f.iter().map(|f| f[i].clone()));
