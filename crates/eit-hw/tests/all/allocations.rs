@@ -25,10 +25,8 @@ fn drivers_allocate_nothing_per_frame() {
         });
         seen
     };
-    let settings = SciospecSettings {
-        polarity: Polarity::AsListed,
-        ..SciospecSettings::for_quadruples(16, &rotated(16))
-    };
+    let settings = SciospecSettings::for_quadruples(16, &rotated(16));
+    let settings = SciospecSettings { polarity: Polarity::AsListed, ..settings };
     let drives = |time_ms| {
         (1..17).flat_map(move |drive| sciospec_frame(1, [drive, drive % 16 + 1], 1, time_ms))
     };

@@ -3,16 +3,12 @@
 use std::fs;
 
 use crate::common::arrays::{npy_bytes, npy_of};
-use crate::common::{parse, refused, rotated, table};
+use crate::common::{Parsed, csv, parse, refused, rotated, table};
 use eit_hw::{
-    Component, Format, FrameOrientation, HwError, Layout, Note, Quality, ReadOptions, Recording,
+    Component, Format, FrameOrientation, Layout, Note, Quality, ReadOptions, Recording,
     SerialLogOptions, parse_recording, read_recording,
 };
 use ndarray::array;
-
-fn csv_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
-    parse(Format::Csv, text, &ReadOptions::default())
-}
 
 #[test]
 fn csv_layouts_that_are_read() {
@@ -21,34 +17,32 @@ fn csv_layouts_that_are_read() {
         "  1   -2.5 3e-6\n\n4 5\t6  \n",
         "\u{FEFF}a, b, c\n1, -2.5, 3e-6,\n# comment\n4, 5, 6, # more\n",
     ] {
-        assert_eq!(csv_of(text).unwrap().real, wanted, "{text:?}");
+        assert_eq!(csv(text).unwrap().real, wanted, "{text:?}");
     }
-    assert_eq!(csv_of("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
-    let header = csv_of("\nfirst,second\n1,2\n").unwrap();
-    assert_eq!(header.notes, [Note::HeaderLine { line: 2 }]);
+    assert_eq!(csv("1\n2").unwrap().notes, [Note::NoLineEnd { line: 2 }]);
+    assert_eq!(csv("\nfirst,second\n1,2\n").unwrap().notes, [Note::HeaderLine { line: 2 }]);
     // column numbers, as tables without names of their own have; not in a table of four columns, such as of quadruples
-    let numbered = csv_of("0,1,2,3,4,5,6,7\n9,8,7,6,5,4,3,2\n").unwrap();
+    let numbered = csv("0,1,2,3,4,5,6,7\n9,8,7,6,5,4,3,2\n").unwrap();
     assert_eq!(numbered.notes, [Note::HeaderLine { line: 1 }]);
     assert_eq!(numbered.real.nrows(), 1);
     for rows in ["0,1,2,3\n1,2,3,4\n", "0,1,2,3,4,5,6,8\n9,8,7,6,5,4,3,2\n"] {
-        assert_eq!(csv_of(rows).unwrap().real.nrows(), 2, "{rows}");
+        assert_eq!(csv(rows).unwrap().real.nrows(), 2, "{rows}");
     }
     for text in ["1,0;-2,5;3e-6\n4;5;6\n", "1,0 -2,5 3e-6\n4 5 6\n", "[1, -2.5, 3e-6]\n[4, 5, 6]\n"]
     {
-        let read = csv_of(text).unwrap();
+        let read = csv(text).unwrap();
         assert_eq!(read.real, wanted, "{text:?}");
         assert!(matches!(&read.notes[..], [Note::Stripped { .. }]), "{:?}", read.notes);
     }
     // a column of frame numbers beside the measurements; not one of values that grow otherwise
     let of = |first: fn(i32) -> i32, count| {
         let row = |k| format!("{},9,8,7,6,5,4,3\n", first(k));
-        let read = csv_of((0..5).map(row).collect::<String>()).unwrap();
+        let read = csv((0..5).map(row).collect::<String>()).unwrap();
         read.arranged_for(&Layout::ProtocolOrder, None, count)
     };
     let counted = of(|k| 7 + 3 * k, 7);
     assert_eq!((counted.value_count(), &counted.notes[..]), (7, &[Note::Counter][..]));
-    assert_eq!(of(|k| 7 + 3 * k, 8).value_count(), 8);
-    assert_eq!(of(|k| k * k, 7).value_count(), 8);
+    assert_eq!((of(|k| 7 + 3 * k, 8).value_count(), of(|k| k * k, 7).value_count()), (8, 8));
 }
 
 #[test]
@@ -67,7 +61,7 @@ fn csv_faults() {
         (b"1,2\n\x00\x01", &["f.csv, byte 4", "0x00", "not text"]),
         (b"1,2\xE9\n", &["byte 3", "0xE9"]),
     ] {
-        refused(csv_of(text), parts);
+        refused(csv(text), parts);
     }
     let columns = table(FrameOrientation::Columns, true);
     refused(parse(Format::Csv, "1,2,3\n", &columns), &["3 columns", "complex = false"]);
@@ -90,11 +84,11 @@ fn foreign_files_are_named() {
     }
 }
 
-fn npy(bytes: impl AsRef<[u8]>) -> Result<Recording, HwError> {
+fn npy(bytes: impl AsRef<[u8]>) -> Parsed {
     parse(Format::Npy, bytes, &ReadOptions::default())
 }
 
-fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Result<Recording, HwError> {
+fn npy_with(descr: &str, shape: &str, data: &[u8]) -> Parsed {
     npy(npy_of(descr, shape, data))
 }
 
@@ -122,16 +116,16 @@ fn decimal_commas_that_read_as_two_numbers_are_named() {
         ("0,2e3\n", false, false),
         ("a,b\n0,5\n", false, false),
     ] {
-        let recording = csv_of(text).unwrap();
+        let recording = csv(text).unwrap();
         let error = error_of(&recording, recording.value_count() / 2);
         let is_told = error.contains("the commas seem to be decimal ones, as in 1,5");
         let found = (recording.notes.contains(&Note::DecimalComma), is_told);
         assert_eq!(found, (is_noted, is_in_error), "{text:?}");
     }
-    let note = csv_of("1,5\n").unwrap().notes[0].to_string();
+    let note = csv("1,5\n").unwrap().notes[0].to_string();
     assert!(note.contains("write 1.5"), "{note}");
     // as many frames as measurements, in columns: not taken for swapped rows
-    let error = error_of(&csv_of("0,5\n".repeat(208)).unwrap(), 208);
+    let error = error_of(&csv("0,5\n".repeat(208)).unwrap(), 208);
     assert!(error.contains("decimal ones") && !error.contains("swapped"), "{error}");
 }
 
@@ -163,6 +157,7 @@ fn npy_types_that_are_read() {
 
 #[test]
 fn npy_faults() {
+    let order = npy_bytes("{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }", &[0; 8]);
     for (bytes, parts) in [
         (&b""[..], &["f.npy", "empty"][..]),
         (b"1,2,3\n", &["its start", "1,2,3", "numpy.save"]),
@@ -170,10 +165,7 @@ fn npy_faults() {
         (b"\x93NUMPY\x01\x00\x76\x00{'descr'", &["8 bytes of header", "expected 118"]),
         (b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{", &["bytes of header", "4294967295"]),
         (&npy_bytes("{}", &[]), &["type is \"\""]),
-        (
-            &npy_bytes("{'descr': '<f8', 'fortran_order': 1, 'shape': (1,), }", &[0; 8]),
-            &["fortran_order", "True or False"],
-        ),
+        (&order, &["fortran_order", "True or False"]),
     ] {
         refused(npy(bytes), parts);
     }
@@ -196,7 +188,7 @@ fn npy_faults() {
 const EIT_HEADER: &str =
     "11\n2\nt_1\n2020.07.08. 14:20:28.750\n100000.0\n100000.0\n0\n1\n0.01\n30.0\n0.0\n";
 
-fn eit_of(text: impl AsRef<[u8]>) -> Result<Recording, HwError> {
+fn eit_of(text: impl AsRef<[u8]>) -> Parsed {
     parse(Format::Sciospec, text, &ReadOptions::default())
 }
 
@@ -299,16 +291,15 @@ fn goe_faults() {
     refused(goe(b"1,2,3\n"), &["is text", "`[recording] format`"]);
     refused(goe(b"---Draeger EIT-Software---\r\n"), &["Draeger"]);
     refused(goe(&[0; 1023]), &["no complete frame", "1 incomplete"]);
-    let mut frames = [0.25_f32; 512];
-    frames[256 + 3] = f32::INFINITY;
-    let bytes = |frames: &[f32]| frames.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>();
-    refused(goe(&bytes(&frames)), &["byte 1036", "frame 1, measurement 3", "inf"]);
-    frames[256 + 3] = -1e30;
-    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
+    let with = |value: f32, slot: usize| {
+        let mut frames = [0.25; 512];
+        frames[256 + slot] = value;
+        goe(&frames.map(f32::to_le_bytes).concat())
+    };
+    refused(with(f32::INFINITY, 3), &["byte 1036", "frame 1, measurement 3", "inf"]);
+    refused(with(-1e30, 3), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
     // values after the voltages are ignored
-    frames[256 + 3] = 0.25;
-    frames[256 + 208] = f32::NAN;
-    assert_eq!(goe(&bytes(&frames)).unwrap().frame_count(), 2);
+    assert_eq!(with(f32::NAN, 208).unwrap().frame_count(), 2);
 }
 
 #[test]
@@ -346,6 +337,7 @@ fn lct_rows_and_header() {
     assert_eq!(recording.imaginary, Some(array![[1.0, 2.0, 3.0, 4.0]]));
     let repeated = lct(&(whole.clone() + "7 8 2\n")).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
+    let sixteen = whole.replace("Electrodes, 4", "Electrodes, 16");
     for (text, parts) in [
         (whole.clone() + "7 8 3\n", &["5 rows", "expected 4", "Length"][..]),
         (lct_text(&rows[..3]), &["3 rows", "expected 4"]),
@@ -358,10 +350,7 @@ fn lct_rows_and_header() {
         ("1 2 3\n".into(), &["line 1", "first line", "#MEAS"]),
         ("#MEAS\n1 2 3\n".into(), &["Length", "missing"]),
         (whole.replace("Length, 4", "Length, x"), &["line 2", "Length", "\"x\""]),
-        (
-            whole.replace("Electrodes, 4", "Electrodes, 16"),
-            &["line 3", "16 with Length 4", "n (n - 3)"],
-        ),
+        (sixteen, &["line 3", "16 with Length 4", "n (n - 3)"]),
         (whole.replace("KHz", "K"), &["line 5", "Operating_Frequency"]),
         (whole.trim_end().to_owned(), &["line 10", "no line end"]),
         (whole.clone() + "\u{1}", &["byte ", "not text"]),
@@ -461,8 +450,7 @@ fn khu_folders() {
 fn keys_of_tables_are_for_tables() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
-    let frames_are =
-        ReadOptions { frames_are: Some(FrameOrientation::Rows), ..ReadOptions::default() };
+    let frames_are = ReadOptions { frames_are: Some(FrameOrientation::Rows), ..Default::default() };
     let complex = ReadOptions { complex: true, ..ReadOptions::default() };
     let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
     for (name, content, format) in [
@@ -499,8 +487,7 @@ fn keys_of_tables_are_for_tables() {
 #[test]
 fn vectors_are_one_frame() {
     let with = |shape: &str, orientation| {
-        let bytes = npy_of("|u1", shape, &[1, 2, 3]);
-        parse(Format::Npy, bytes, &table(orientation, false)).unwrap()
+        parse(Format::Npy, npy_of("|u1", shape, &[1, 2, 3]), &table(orientation, false)).unwrap()
     };
     for shape in ["(3,)", "(3, 1)"] {
         for orientation in

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::common::place;
 use crate::common::recordings::{
     append, channel, chunks, container, create, frame, frame_json, lz4_chunk, message, recorded,
     replayed, session,
 };
+use crate::common::{place, refused};
 use eit_hw::HwError;
 use eit_hw::capture::{Damage, Entry, parse, read, recover};
 use eit_hw::driver::{Pace, Replay};
@@ -81,8 +81,7 @@ fn a_damaged_head_costs_at_most_its_chunk() {
             damaged[start + bit / 8] ^= 1 << (bit % 8);
             let (lost, damage) = lost(&damaged, 3, &format!("bit {bit} at {start}"));
             // a wrong length alone loses nothing
-            let is_length = (1..9).contains(&(bit / 8));
-            let most = if is_length { 0 } else { PER_CHUNK as usize };
+            let most = if (1..9).contains(&(bit / 8)) { 0 } else { PER_CHUNK as usize };
             assert!(lost <= most, "{lost} frames: bit {bit} of the head at {start}");
             mended += damage.mended_chunks;
         }
@@ -120,17 +119,21 @@ fn damage_that_no_whole_chunk_follows_is_reported() {
     let at = bad.len() / 2;
     bad[at] ^= 4;
     let tail = [&[0xff; 5][..], &bad].concat();
-    let damaged = [&bytes[..last.start], &tail].concat();
-    let capture = parse(&damaged, &path).unwrap();
+    let capture = parse(&[&bytes[..last.start], &tail].concat(), &path).unwrap();
     assert_eq!(capture.frames().count(), whole.len());
     assert_eq!(capture.damage.truncated_bytes, tail.len() as u64, "{:?}", capture.damage);
-    // what is cut off before appending is kept
-    std::fs::write(&path, &damaged).unwrap();
-    let writer = append(&path).unwrap();
+    appending_keeps(&path, &bytes[..last.start], &tail);
+}
+
+/// Appends to a recording of whole chunks and a tail: the chunks stay, and what is cut off is kept.
+fn appending_keeps(path: &Path, chunks: &[u8], tail: &[u8]) {
+    std::fs::write(path, [chunks, tail].concat()).unwrap();
+    let writer = append(path).unwrap();
     let cut = writer.cut_tail().cloned().unwrap();
     writer.finish().unwrap();
-    assert_eq!(std::fs::read(&cut.path).unwrap(), tail);
-    assert_eq!(sequences(&std::fs::read(&path).unwrap()), whole);
+    assert_eq!(cut.bytes, tail.len() as u64);
+    assert!(std::fs::read(&cut.path).unwrap() == tail);
+    assert_eq!(sequences(&std::fs::read(path).unwrap()), sequences(chunks));
 }
 
 /// One flipped length; then an incomplete record at the end.
@@ -151,16 +154,9 @@ fn going_on_never_cuts_a_whole_chunk_and_keeps_what_it_cuts() {
 
     // an unfinished chunk, or garbage of any length
     let last = chunks(&bytes).pop().unwrap();
-    let whole = sequences(&bytes[..last.start]);
     for tail in [bytes[last.start..last.start.midpoint(last.end)].to_vec(), vec![0xff; 17 << 20]] {
         let path = folder.path().join(format!("tail{}.mcap", tail.len()));
-        std::fs::write(&path, [&bytes[..last.start], &tail].concat()).unwrap();
-        let writer = append(&path).unwrap();
-        let cut = writer.cut_tail().cloned().unwrap();
-        writer.finish().unwrap();
-        assert_eq!(cut.bytes, tail.len() as u64);
-        assert!(std::fs::read(&cut.path).unwrap() == tail);
-        assert_eq!(sequences(&std::fs::read(&path).unwrap()), whole);
+        appending_keeps(&path, &bytes[..last.start], &tail);
     }
 }
 
@@ -191,9 +187,7 @@ fn what_follows_the_first_bytes_alone_is_kept_too() {
 fn two_recorders_do_not_share_a_file() {
     let (_folder, path) = place("a.mcap");
     let first = create(&path).unwrap();
-    let refused = append(&path).err().unwrap();
-    assert!(matches!(&refused, HwError::Busy { .. }), "{refused}");
-    assert!(refused.to_string().contains("a.mcap: another program is recording to it"));
+    refused(append(&path), &["a.mcap: another program is recording to it"]);
     assert!(create(&path).is_err());
     drop(first);
     let second = append(&path).unwrap();
@@ -258,7 +252,6 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
     let index = &summary.attachment_indexes[0];
     assert_eq!(mcap::read::attachment(&whole, index).unwrap(), attachment);
     assert_eq!(mcap::read::metadata(&whole, &summary.metadata_indexes[0]).unwrap(), metadata);
-    // never over an existing file
     assert!(matches!(recover(&from, &to), Err(HwError::Exists { .. })));
 }
 
@@ -310,15 +303,13 @@ fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
     assert_eq!(capture.frames().count() as u64, 4 * PER_CHUNK);
     assert_eq!((capture.damage.bad_chunks, capture.damage.bad_messages), (1, 0));
     std::fs::write(&path, &bytes).unwrap();
-    let found = recover(&path, &folder.path().join("b.mcap")).unwrap();
-    assert_eq!(found.frames, 4 * PER_CHUNK);
+    assert_eq!(recover(&path, &folder.path().join("b.mcap")).unwrap().frames, 4 * PER_CHUNK);
 }
 
 #[test]
 fn two_recordings_behind_each_other_are_read_both() {
     let (_folder, path) = place("a.mcap");
-    let bytes = recording(&path, 3);
-    let entries = parse(&bytes.repeat(2), Path::new("both.mcap")).unwrap().entries;
+    let entries = parse(&recording(&path, 3).repeat(2), Path::new("both.mcap")).unwrap().entries;
     let sessions = entries.iter().filter(|entry| matches!(entry, Entry::Session(_))).count();
     assert_eq!((sessions, entries.len() as u64), (2, 2 * (1 + 3 * PER_CHUNK)));
 }

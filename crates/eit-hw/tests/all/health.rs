@@ -1,8 +1,8 @@
 //! The health check finds and names what is broken, and finds nothing in a healthy skin.
 
-use crate::common::{point_electrode_disc, rotated};
+use crate::common::{point_electrode_disc, refused, rotated};
 use eit_hw::{
-    HealthReport, HwError, MeasuredFrames, Quadruple, Quality, StreamFacts, Trouble, Unit, Verdict,
+    HealthReport, MeasuredFrames, Quadruple, Quality, StreamFacts, Trouble, Unit, Verdict,
     check_health,
 };
 use fixtures::Random;
@@ -13,8 +13,7 @@ const NOISE: f64 = 1e-4;
 
 /// Returns frames of a homogeneous disc, 25 per second.
 fn healthy() -> MeasuredFrames {
-    let quadruples = rotated(16);
-    let truth = point_electrode_disc(&quadruples, 16);
+    let truth = point_electrode_disc(&rotated(16), 16);
     let mut random = Random::new(4);
     let values = Array2::from_shape_fn((FRAMES, 208), |(_, m)| truth[m] + NOISE * random.normal());
     MeasuredFrames {
@@ -48,9 +47,8 @@ fn nothing_is_found_where_nothing_is_wrong() {
     for noise in &report.noise_std {
         assert!((noise / NOISE - 1.0).abs() < 0.75, "{noise:e}");
     }
-    // the difference of two uniform numbers is triangular: half of them are within sqrt 3 (2 - sqrt
-    // 2) = 1.015 deviations, which the factor for a normal distribution 1.4826 / sqrt 2 turns into
-    // 1.064
+    // the difference of two uniform numbers is triangular: half of them are within 1.015 deviations,
+    // which the factor for a normal distribution, 1.4826 / sqrt 2, turns into 1.064
     let mean = report.noise_std.iter().sum::<f64>() / 208.0;
     // the mean deviates by 1 %, and the median of a finite number is slightly too high
     assert!((mean / NOISE - 1.064).abs() < 0.05, "{mean:e}");
@@ -73,7 +71,6 @@ fn with(
     frames
 }
 
-/// An arbitrary number between -1 and 1.
 fn arbitrary(number: usize) -> f64 {
     Random::new(number as u64).between(-1.0, 1.0)
 }
@@ -181,19 +178,16 @@ fn frames_without_numbers_are_lost() {
 
 #[test]
 fn bad_input_is_refused() {
-    let error = check_health(&healthy(), &rotated(8), &facts()).unwrap_err();
-    assert!(matches!(error, HwError::QuadrupleCount { quadruples: 40, count: 208 }));
+    refused(check_health(&healthy(), &rotated(8), &facts()), &["40 quadruples given for 208"]);
     let mut few = healthy();
     few.values = few.values.select(ndarray::Axis(0), &[0, 1, 2]);
     few.quality = few.quality.select(ndarray::Axis(0), &[0, 1, 2]);
-    let error = check_health(&few, &rotated(16), &facts()).unwrap_err();
-    assert!(error.to_string().contains("3 frames, but expected 8"), "{error}");
+    refused(check_health(&few, &rotated(16), &facts()), &["3 frames, but expected 8"]);
     let mut wild = healthy();
     wild.values.fill(f64::NAN);
     assert_eq!(check(&wild).verdict(), Verdict::Faulty);
 }
 
-/// A real tank and instrument without known faults.
 #[test]
 fn a_real_tank_is_healthy() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };

@@ -1,14 +1,6 @@
-//! Tests of the crate, in one program: linking one is faster than linking 17. Those of one file:
-//! `cargo test --release -p eit-hw --test all FILE::`.
+//! All tests in one program, to link fast. Those of a file: `cargo test -p eit-hw --test all FILE::`.
 
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests: a panic is a failed test"
-)]
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 mod common;
 

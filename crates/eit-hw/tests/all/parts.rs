@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::common::instruments::wait_for;
 use crate::common::recordings::{self, append, frame, session};
-use crate::common::{place, rotated};
+use crate::common::{place, refused, rotated};
 use eit_hw::capture::{
     CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord, TouchesRecord,
     files, read, recover,
@@ -66,8 +66,7 @@ fn parts_are_read_as_one() {
     let folder = tempfile::tempdir().unwrap();
     let (parts, one) = recorded(folder.path(), 130);
     let found = files(&parts);
-    let wanted = [1, 2, 3, 4].map(|n| folder.path().join(format!("press.0000{n}.mcap")));
-    assert_eq!(found, wanted);
+    assert_eq!(found, [1, 2, 3, 4].map(|n| folder.path().join(format!("press.0000{n}.mcap"))));
     assert!(!parts.exists());
     assert_eq!(read(&parts).unwrap(), read(&one).unwrap());
     assert_eq!(read(&parts).unwrap().damage, Damage::default());
@@ -76,7 +75,6 @@ fn parts_are_read_as_one() {
         [&parts, &one].map(|path| read_recording(path, None, &ReadOptions::default()).unwrap());
     as_parts.path.clone_from(&as_one.path);
     assert_eq!(as_parts, as_one);
-    // log times never go back
     let (mut reader, mut last) = (CaptureReader::open(&parts).unwrap(), 0);
     while reader.next_entry().unwrap().is_some() {
         let log_ns = reader.times().unwrap().log_ns;
@@ -87,9 +85,8 @@ fn parts_are_read_as_one() {
     let mut next = 0;
     for file in &found {
         let part = read(file).unwrap();
-        assert_eq!(part.damage, Damage::default());
-        let own = part.sessions().next().unwrap();
-        assert_eq!(*own, SessionRecord { continues: next > 0, ..session() });
+        let wanted = SessionRecord { continues: next > 0, ..session() };
+        assert_eq!((&part.damage, part.sessions().next()), (&Damage::default(), Some(&wanted)));
         let of_touches = part.entries.iter().filter_map(|entry| match entry {
             Entry::Touches(touches) => Some(touches.sequence()),
             _ => None,
@@ -146,12 +143,10 @@ fn an_unfinished_part_is_appended_to() {
         writer.flush().unwrap();
         write(&mut writer, flushed..flushed + 5);
         // a second recorder is rejected, and told which file is in use
-        let busy = append(&path).err().unwrap();
-        assert!(matches!(busy, HwError::Busy { .. }) && busy.to_string().contains("press.0000"));
+        refused(append(&path), &["press.0000", "another program is recording to it"]);
         for new in [split(), CaptureSettings::default()] {
-            let exists = CaptureWriter::create(&path, &session(), new).err().unwrap();
-            assert!(matches!(exists, HwError::Exists { .. }), "{exists}");
-            assert!(exists.to_string().contains("press.00001.mcap"), "{exists}");
+            let exists = CaptureWriter::create(&path, &session(), new);
+            refused(exists, &["press.00001.mcap: exists"]);
         }
         // threads write the indices of the parts before the last one
         let parts = files(&path);
@@ -174,8 +169,7 @@ fn an_unfinished_part_is_appended_to() {
         let mut writer = CaptureWriter::append(&killed, &session(), split()).unwrap();
         write(&mut writer, 0..2 * PER_PART);
         writer.finish().unwrap();
-        assert!(files(&killed).len() > parts);
-        assert!(!read(&killed).unwrap().damage.unfinished);
+        assert!(files(&killed).len() > parts && !read(&killed).unwrap().damage.unfinished);
         let run = |epoch: u32, count: u64| (0..count).map(move |n| format!("{epoch}.{n}"));
         let again = format!("{:?}", Event::Reconnected { epoch: 1 });
         assert!(run(0, flushed).chain([again]).chain(run(1, 2 * PER_PART)).eq(replayed(&killed)));
@@ -195,14 +189,12 @@ fn an_empty_last_part_is_appended_to_with_the_same_set_up_only() {
     assert_eq!(read(&path).unwrap().damage, Damage { missing_parts: 1, ..Damage::default() });
     assert_eq!(sequences(&path).len() as u64, 2 * PER_PART);
     let other = SessionRecord { quadruples: rotated(8), ..session() };
-    let refused = CaptureWriter::append(&path, &other, split()).err().unwrap().to_string();
-    assert!(refused.contains("other measurements"), "{refused}");
+    refused(CaptureWriter::append(&path, &other, split()), &["other measurements"]);
     let mut writer = append(&path).unwrap();
     write(&mut writer, 0..3 * PER_PART);
     writer.finish().unwrap();
     // without limits, no further part
-    assert_eq!(files(&path).len(), 3);
-    assert_eq!(read(&path).unwrap().damage, Damage::default());
+    assert_eq!((files(&path).len(), read(&path).unwrap().damage), (3, Damage::default()));
     assert_eq!(sequences(&last).len() as u64, 3 * PER_PART);
     assert_eq!(replayed(&path).len() as u64, 5 * PER_PART + 1);
 }
@@ -211,10 +203,8 @@ fn an_empty_last_part_is_appended_to_with_the_same_set_up_only() {
 fn one_file_is_not_split_later() {
     let folder = tempfile::tempdir().unwrap();
     let (_, one) = recorded(folder.path(), 3);
-    let refused = CaptureWriter::append(&one, &session(), split()).err().unwrap().to_string();
-    assert!(refused.contains("is a single file and cannot be split"), "{refused}");
-    let exists = CaptureWriter::create(&one, &session(), split()).err().unwrap();
-    assert!(matches!(exists, HwError::Exists { .. }), "{exists}");
+    refused(CaptureWriter::append(&one, &session(), split()), &["single file and cannot be split"]);
+    refused(CaptureWriter::create(&one, &session(), split()), &["one.mcap: exists"]);
     assert_eq!(sequences(&one), [0, 1, 2]);
 }
 

@@ -10,12 +10,12 @@ use eit_hw::{
 use ndarray::Array2;
 use proptest::prelude::*;
 use proptest::sample::Index;
+use std::ops::Range;
 
 const ORIENTATIONS: [FrameOrientation; 3] =
     [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
 
-/// Runs every parser on the same bytes: results have values and are consistent, errors are one
-/// line.
+/// Runs every parser on the same bytes: results are consistent, errors are one line.
 fn parse_all(bytes: &[u8]) {
     let check = |format, options: &ReadOptions| match parse(format, bytes, options) {
         Ok(recording) => {
@@ -36,15 +36,11 @@ fn parse_all(bytes: &[u8]) {
     }
     check(Sciospec, &ReadOptions { frequency_row: 1, ..ReadOptions::default() });
     for (lines_per_frame, values_per_line) in [(16, 13), (2, 2), (1, 1), (0, 3), (3, 0)] {
-        check(SerialLog, &log_options(lines_per_frame, values_per_line, Some(1.0)));
+        check(SerialLog, &log_of(lines_per_frame, values_per_line, Some(1.0)));
     }
 }
 
-fn log_options(
-    lines_per_frame: usize,
-    values_per_line: usize,
-    full_scale: Option<f64>,
-) -> ReadOptions {
+fn log_of(lines_per_frame: usize, values_per_line: usize, full_scale: Option<f64>) -> ReadOptions {
     let serial_log = SerialLogOptions { lines_per_frame, values_per_line, full_scale };
     ReadOptions { serial_log, ..ReadOptions::default() }
 }
@@ -58,7 +54,6 @@ const LCT: &[u8] = b"#MEAS  \n#Length, 4\n#Electrodes, 4 \n#Strategy, Adjacent ,
 /// A file, the options that read it, and its frames and values per frame.
 type Sample = (eit_hw::Format, Vec<u8>, ReadOptions, (usize, usize));
 
-/// Returns a file of each format.
 fn samples() -> [Sample; 8] {
     let floats = (0..512).flat_map(|index: u16| f32::from(index).to_le_bytes()).collect();
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
@@ -74,7 +69,7 @@ fn samples() -> [Sample; 8] {
         (Sciospec, EIT.to_vec(), ReadOptions { frequency_row: 1, ..plain() }, (1, 4)),
         (Lct, LCT.to_vec(), plain(), (1, 4)),
         (Goe, floats, plain(), (2, 208)),
-        (SerialLog, log, log_options(2, 2, None), (3, 4)),
+        (SerialLog, log, log_of(2, 2, None), (3, 4)),
         (Mat, arrays, plain(), (2, 3)),
         (Npz, archive, plain(), (2, 3)),
     ]
@@ -97,8 +92,7 @@ fn samples_are_read_and_do_no_harm_under_any_name() {
     }
 }
 
-/// Bytes, text of the characters that occur in text formats, NPY files with headers of any kind,
-/// and damaged files.
+/// Bytes, text of characters of text formats, NPY files with headers of any kind, damaged files.
 fn hostile() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop::sample::select(b"0123456789.,;-+eE# \t\r\nsnaif:()'{}".to_vec());
     let text = prop::collection::vec(byte, 0..400);
@@ -171,9 +165,8 @@ proptest! {
         let count = table.len_of(axis);
         let order: Vec<_> = (0..count).flat_map(|index| [index, index + count]).collect();
         let written = doubled.select(axis, &order);
-        let text = joined(&written, ",", "\n");
         let options = table_options(orientation, true);
-        let csv = parse(Csv, text, &options).unwrap();
+        let csv = parse(Csv, joined(&written, ",", "\n"), &options).unwrap();
         let npy = parse(Npy, npy_table(&written, false, false), &options).unwrap();
         for recording in [csv, npy] {
             let wanted = frames_of(&table, orientation);
@@ -204,8 +197,7 @@ proptest! {
         let wanted = values.find(|(_, value)| **value == 1.0).unwrap().0;
         for read in [csv.unwrap(), npy.unwrap()] {
             let quality = read.quality.unwrap();
-            let bad: Vec<_> =
-                quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
+            let bad: Vec<_> = quality.indexed_iter().filter(|(_, q)| !q.is_good()).collect();
             prop_assert_eq!(bad, vec![(wanted, &Quality::NON_FINITE)]);
             let (frame, value) = wanted;
             let note = Note::MissingValues { values: 1, frame, value };
@@ -228,7 +220,7 @@ proptest! {
         let start = start.index(lines.len());
         let end = (start + length).min(lines.len());
         lines.drain(start..end);
-        match parse(SerialLog, lines.join("\n") + "\n", &log_options(16, 13, None)) {
+        match parse(SerialLog, lines.join("\n") + "\n", &log_of(16, 13, None)) {
             Ok(recording) => {
                 // without its `s` a frame continues the one before
                 let touched = end.div_ceil(17) - start.saturating_sub(1) / 17;
@@ -248,7 +240,7 @@ proptest! {
     }
 }
 
-/// Returns the frames of a table, [frame, measurement].
+/// [frame, measurement]
 fn frames_of(table: &Array2<f64>, orientation: FrameOrientation) -> Array2<f64> {
     let columns = table.t().as_standard_layout().into_owned();
     match orientation {
@@ -272,10 +264,7 @@ fn npy_table(table: &Array2<f64>, fortran: bool, big: bool) -> Vec<u8> {
 }
 
 /// Generates finite numbers of any size, [row, column].
-fn table(
-    rows: std::ops::Range<usize>,
-    columns: std::ops::Range<usize>,
-) -> impl Strategy<Value = Array2<f64>> {
+fn table(rows: Range<usize>, columns: Range<usize>) -> impl Strategy<Value = Array2<f64>> {
     let number = prop::num::f64::NORMAL | prop::num::f64::ZERO | prop::num::f64::SUBNORMAL;
     (rows, columns).prop_flat_map(move |shape| {
         // a quarter, so that no quotient in a test overflows

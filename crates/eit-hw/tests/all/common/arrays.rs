@@ -10,12 +10,6 @@ pub const DOUBLE: u32 = 6;
 /// Flag of a complex array.
 pub const COMPLEX: u32 = 0x800;
 
-fn packed(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = ZlibEncoder::new(Vec::new(), flate2::Compression::best());
-    encoder.write_all(bytes).unwrap();
-    encoder.finish().unwrap()
-}
-
 /// An element, in the short form if it fits.
 pub fn element(kind: u32, data: &[u8]) -> Vec<u8> {
     let size = u32::try_from(data.len()).unwrap();
@@ -45,9 +39,10 @@ pub fn doubles(name: &str, shape: &[u32]) -> Vec<u8> {
     matrix(name, DOUBLE, shape, &[element(9, &data)])
 }
 
-/// A compressed array.
 pub fn compressed(matrix: &[u8]) -> Vec<u8> {
-    let data = packed(matrix);
+    let mut encoder = ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+    encoder.write_all(matrix).unwrap();
+    let data = encoder.finish().unwrap();
     [&15_u32.to_le_bytes()[..], &(data.len() as u32).to_le_bytes(), &data].concat()
 }
 
@@ -62,21 +57,20 @@ pub fn npz(entries: &[(&str, &[u8])], is_packed: bool) -> Vec<u8> {
     let mut archive = ZipArchiveWriter::new(&mut bytes);
     for (name, content) in entries {
         let method = if is_packed { CompressionMethod::DEFLATE } else { CompressionMethod::STORE };
-        let (mut entry, config) =
-            archive.new_file(name).compression_method(method).start().unwrap();
+        let (mut file, config) = archive.new_file(name).compression_method(method).start().unwrap();
         let descriptor = if is_packed {
             let level = flate2::Compression::best();
-            let mut writer = config.wrap(DeflateEncoder::new(&mut entry, level));
+            let mut writer = config.wrap(DeflateEncoder::new(&mut file, level));
             writer.write_all(content).unwrap();
             let (encoder, descriptor) = writer.finish().unwrap();
             encoder.finish().unwrap();
             descriptor
         } else {
-            let mut writer = config.wrap(&mut entry);
+            let mut writer = config.wrap(&mut file);
             writer.write_all(content).unwrap();
             writer.finish().unwrap().1
         };
-        entry.finish(descriptor).unwrap();
+        file.finish(descriptor).unwrap();
     }
     archive.finish().unwrap();
     bytes

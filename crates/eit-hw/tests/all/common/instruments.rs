@@ -14,8 +14,7 @@ use super::{own_port, rotated};
 /// Time limit for anything that must arrive.
 pub const LIMIT: Duration = Duration::from_secs(30);
 
-/// Settings that reconnect quickly, with a queue so large that nothing is dropped while other tests
-/// use the processor.
+/// Reconnects quickly; drops nothing while other tests use the processor.
 pub fn quick() -> SessionSettings {
     let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 25.0 });
     SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
@@ -36,9 +35,8 @@ pub fn on_line(device: impl Device + 'static, plan: FaultPlan) -> (tempfile::Tem
     (folder, emulator)
 }
 
-/// Starts an instrument behind a TCP port.
 pub fn start(device: impl Device + 'static, faults: FaultPlan) -> Emulator {
-    Emulator::start(Box::new(device), &own_port(), faults).expect("an emulator")
+    Emulator::start(Box::new(device), &own_port(), faults).unwrap()
 }
 
 /// Iterates over the events of a session; fails once a test has waited too long.
@@ -48,7 +46,7 @@ pub fn events(session: &Session) -> impl Iterator<Item = Event> + '_ {
         loop {
             assert!(start.elapsed() < LIMIT, "{:?}", session.statistics());
             let event = session.next_event(Duration::from_millis(200));
-            if let Some(event) = event.expect("the session goes on") {
+            if let Some(event) = event.unwrap() {
                 return Some(event);
             }
         }
@@ -63,7 +61,19 @@ pub fn frames(session: &Session) -> impl Iterator<Item = Frame> + '_ {
     })
 }
 
-/// Waits for a condition, with a limit.
+/// Takes this many frames, which are checked; also returns the other events.
+pub fn take(session: &Session, count: usize, each: impl FnMut(&Frame)) -> (Vec<Frame>, Vec<Event>) {
+    let (mut frames, mut others, mut events) = (Vec::new(), Vec::new(), events(session));
+    while frames.len() < count {
+        match events.next().unwrap() {
+            Event::Frame(frame) => frames.push(frame),
+            other => others.push(other),
+        }
+    }
+    frames.iter().for_each(each);
+    (frames, others)
+}
+
 pub fn wait_for(mut is_so: impl FnMut() -> bool) {
     let start = Instant::now();
     while !is_so() {
@@ -146,10 +156,8 @@ pub fn sciospec_device(electrodes: u32, reversed: bool) -> SciospecDevice {
 }
 
 pub fn sciospec_driver(electrodes: u32) -> Box<dyn Driver> {
-    let settings = SciospecSettings {
-        frame_rate_hz: 100.0,
-        ..SciospecSettings::for_quadruples(electrodes, &rotated(electrodes))
-    };
+    let settings = SciospecSettings::for_quadruples(electrodes, &rotated(electrodes));
+    let settings = SciospecSettings { frame_rate_hz: 100.0, ..settings };
     Box::new(Sciospec::new(settings).unwrap())
 }
 

@@ -57,7 +57,8 @@ pub fn opposite(n: u32) -> Vec<Quadruple> {
     apart(pairs(n, n / 2, n, |_| 0))
 }
 
-fn apart(mut quadruples: Vec<Quadruple>) -> Vec<Quadruple> {
+/// Without measured pairs that include a driven electrode.
+pub fn apart(mut quadruples: Vec<Quadruple>) -> Vec<Quadruple> {
     quadruples.retain(|[a, b, m, n]| ![m, n].contains(&a) && ![m, n].contains(&b));
     quadruples
 }
@@ -69,13 +70,15 @@ pub fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
     (folder, path)
 }
 
+pub type Parsed = Result<Recording, HwError>;
+
 /// Parses the content of a file `f.FORMAT`.
-pub fn parse(
-    format: Format,
-    content: impl AsRef<[u8]>,
-    options: &ReadOptions,
-) -> Result<Recording, HwError> {
+pub fn parse(format: Format, content: impl AsRef<[u8]>, options: &ReadOptions) -> Parsed {
     parse_recording(content.as_ref(), format!("f.{format}"), format, options)
+}
+
+pub fn csv(content: impl AsRef<[u8]>) -> Parsed {
+    parse(Format::Csv, content, &ReadOptions::default())
 }
 
 /// Options for a table.
@@ -83,9 +86,8 @@ pub fn table(frames_are: FrameOrientation, complex: bool) -> ReadOptions {
     ReadOptions { frames_are: Some(frames_are), complex, ..ReadOptions::default() }
 }
 
-/// Returns the voltages for 1 A and 1 S between `n` equally spaced point electrodes on the rim of a
-/// homogeneous disc: the potential at a distance r from a source on the rim is -ln(r) / pi, up to a
-/// constant.
+/// Voltages for 1 A and 1 S between `n` equally spaced point electrodes on the rim of a homogeneous
+/// disc: the potential at a distance r from a source on the rim is -ln(r) / pi, up to a constant.
 pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
     let pi = std::f64::consts::PI;
     let distance = |i: u32, j: u32| 2.0 * (pi * f64::from(i.abs_diff(j)) / f64::from(n)).sin();
@@ -97,10 +99,19 @@ pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
     quadruples.iter().map(voltage).collect()
 }
 
+/// Asserts that this takes at most 64 MB plus ten times the file.
+pub fn little_memory<T>(name: &str, file_bytes: usize, work: impl FnOnce() -> T) -> T {
+    let mut result = None;
+    let peak = allocation_counter::measure(|| result = Some(work())).bytes_max;
+    let most = 64_000_000 + 10 * file_bytes as u64;
+    assert!(peak <= most, "{name}: {peak} of {most} bytes");
+    result.unwrap()
+}
+
 /// Asserts that the error message is one line and contains all of `parts`.
 #[track_caller]
 pub fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
-    let message = result.err().expect("refused").to_string();
+    let message = result.err().unwrap().to_string();
     assert!(!message.contains('\n'), "{message}");
     for part in parts {
         assert!(message.contains(part), "`{part}` is not in: {message}");

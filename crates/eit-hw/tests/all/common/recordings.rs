@@ -41,18 +41,15 @@ pub fn frame(sequence: u64) -> Frame {
     }
 }
 
-/// Begins a recording of [`session`].
 pub fn create(path: &Path) -> Result<CaptureWriter, HwError> {
     CaptureWriter::create(path, &session(), CaptureSettings::default())
 }
 
-/// Appends to a recording of [`session`].
 pub fn append(path: &Path) -> Result<CaptureWriter, HwError> {
     CaptureWriter::append(path, &session(), CaptureSettings::default())
 }
 
-/// Writes a finished recording of these entries, the session first, with a chunk after every
-/// `per_chunk` of the others.
+/// Writes a finished recording of these entries, the session first, `per_chunk` of the others in a chunk.
 pub fn recorded(path: &Path, entries: &[Entry], per_chunk: usize) -> Vec<u8> {
     let Entry::Session(session) = &entries[0] else { panic!("a session comes first") };
     let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
@@ -92,17 +89,15 @@ pub fn replayed(mut replay: Replay) -> Vec<String> {
     reported
 }
 
-/// Returns a container of these records, without an index.
+/// A container without an index.
 pub fn container(records: &[Vec<u8>]) -> Vec<u8> {
     [MAGIC, &records.concat()].concat()
 }
 
-/// Returns one record of a container.
 pub fn record(op: u8, body: &[u8]) -> Vec<u8> {
     [&[op][..], &(body.len() as u64).to_le_bytes(), body].concat()
 }
 
-/// Returns the bytes of a chunk with this content, in the container's layout.
 pub fn chunk(name: &[u8], packed: &[u8], unpacked: u64, crc: u32) -> Vec<u8> {
     let mut body = [0_u64.to_le_bytes(), 1_u64.to_le_bytes()].concat();
     body.extend(unpacked.to_le_bytes());
@@ -114,14 +109,14 @@ pub fn chunk(name: &[u8], packed: &[u8], unpacked: u64, crc: u32) -> Vec<u8> {
     record(6, &body)
 }
 
-/// Returns the bytes of a chunk with this content, packed with LZ4, without a checksum.
+/// A chunk packed with LZ4, without a checksum.
 pub fn lz4_chunk(content: &[u8]) -> Vec<u8> {
     chunk(b"lz4", &lz4(content), content.len() as u64, 0)
 }
 
 pub fn lz4(content: &[u8]) -> Vec<u8> {
-    let mut packed = lz4::EncoderBuilder::new().build(Vec::new()).expect("memory");
-    std::io::Write::write_all(&mut packed, content).expect("memory");
+    let mut packed = lz4::EncoderBuilder::new().build(Vec::new()).unwrap();
+    std::io::Write::write_all(&mut packed, content).unwrap();
     packed.finish().0
 }
 
@@ -136,13 +131,11 @@ pub fn message(channel: u16, json: &[u8]) -> Vec<u8> {
     record(5, &[&channel.to_le_bytes()[..], &[0; 20], json].concat())
 }
 
-/// Returns a frame of these values, as JSON.
 pub fn frame_json(values: &str) -> Vec<u8> {
     let head = r#"{"sequence":0,"epoch":0,"device_time_s":null,"host_time_s":null,"values":["#;
     format!("{head}{values}]}}").into_bytes()
 }
 
-/// Returns `count` zeros for [`frame_json`].
 pub fn zeros(count: usize) -> String {
     "0,".repeat(count - 1) + "0"
 }

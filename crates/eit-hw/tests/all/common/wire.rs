@@ -18,25 +18,18 @@ pub fn sciospec_events(pieces: &[&[u8]]) -> Vec<String> {
 }
 
 pub fn text_events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
-    let mut decoder = text::Decoder::new(format.clone()).expect("a valid format");
+    let mut decoder = text::Decoder::new(format.clone()).unwrap();
     let mut events = Vec::new();
     pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
     events
 }
 
-/// Returns an EITS-1 frame as sent.
-pub fn eits1_frame(sequence: u32, time_us: u64, values: &[f32]) -> Vec<u8> {
+pub fn eits1_frame(sequence: u32, device_time_us: u64, values: &[f32]) -> Vec<u8> {
     let payload: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     let mut wire = Vec::new();
-    let message = eits1::Message {
-        kind: eits1::Kind::Frame,
-        sequence,
-        device_time_us: time_us,
-        flags: 0,
-        count: values.len() as u16,
-        payload: &payload,
-    };
-    eits1::encode(&message, &mut wire).expect("a valid message");
+    let (kind, count, payload) = (eits1::Kind::Frame, values.len() as u16, &payload[..]);
+    let message = eits1::Message { kind, sequence, device_time_us, flags: 0, count, payload };
+    eits1::encode(&message, &mut wire).unwrap();
     wire
 }
 

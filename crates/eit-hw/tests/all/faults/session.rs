@@ -13,10 +13,10 @@ use eit_hw::{Endpoint, Frame, HwError, Layout, Link, Quadruple};
 
 use crate::common::instruments::{
     self, LIMIT, eits1_device, eits1_driver, eits1_session, events, falls_silent, information,
-    on_line, quick, sciospec_device, sciospec_driver, start, wait_for,
+    on_line, quick, sciospec_device, sciospec_driver, start, take, wait_for,
 };
-use crate::common::rotated;
 use crate::common::wire::sciospec_frame;
+use crate::common::{refused, rotated};
 
 fn check_eits1(frame: &Frame) {
     instruments::check_eits1(frame, &rotated(8));
@@ -24,19 +24,6 @@ fn check_eits1(frame: &Frame) {
 
 fn check_sciospec(frame: &Frame) {
     instruments::check_sciospec(frame, &rotated(8));
-}
-
-/// Takes frames until `wanted` have arrived; also returns the other events.
-fn take(session: &Session, wanted: usize, check: fn(&Frame)) -> (Vec<Frame>, Vec<Event>) {
-    let (mut frames, mut others, mut events) = (Vec::new(), Vec::new(), events(session));
-    while frames.len() < wanted {
-        match events.next().unwrap() {
-            Event::Frame(frame) => frames.push(frame),
-            other => others.push(other),
-        }
-    }
-    frames.iter().for_each(check);
-    (frames, others)
 }
 
 /// A device whose answers are modified before they are sent.
@@ -169,8 +156,7 @@ fn row_06_acknowledgement_lost_late_or_negative() {
     let device = Meddled(sciospec_device(8, false), change(system(wire::Code::NotExecuted)));
     let emulator = start(device, FaultPlan::default());
     let begun = Instant::now();
-    let error = identify(&mut *sciospec_driver(8), emulator.endpoint()).unwrap_err();
-    assert!(matches!(error, HwError::Refused { .. }), "{error}");
+    refused(identify(&mut *sciospec_driver(8), emulator.endpoint()), &["instrument refused to"]);
     assert!(begun.elapsed() < Duration::from_secs(5));
     // each answer 100 ms late
     let mut waiting: Vec<(Duration, Vec<u8>)> = Vec::new();
@@ -209,9 +195,8 @@ fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
     });
     let (frames, others) = take(&session, 12, check_sciospec);
     assert!(frames.iter().all(|frame| frame.epoch == 0));
-    let reported =
-        |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
-    assert!(others.iter().filter(reported).count() >= 3, "{others:?}");
+    let told = |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
+    assert!(others.iter().filter(told).count() >= 3, "{others:?}");
     assert_eq!(session.statistics().lost, 0);
 }
 
@@ -226,17 +211,13 @@ fn row_06_a_reset_in_the_stream_begins_a_new_epoch() {
             }
         }
     });
-    let (mut after, mut news, mut events) = (0, Vec::new(), events(&session));
+    let (mut after, mut news) = (0, Vec::new());
     while after < 5 {
-        match events.next().unwrap() {
-            Event::Frame(frame) => {
-                check_sciospec(&frame);
-                after += frame.epoch;
-            }
-            Event::Notice(_) => {}
-            other => news.push(other),
-        }
+        let (frames, others) = take(&session, 1, check_sciospec);
+        after += frames[0].epoch;
+        news.extend(others);
     }
+    news.retain(|event| !matches!(event, Event::Notice(_)));
     let wanted = matches!(news[..], [Event::Disconnected { .. }, Event::Reconnected { epoch: 1 }]);
     assert!(wanted, "{news:?}");
     assert_eq!(session.statistics().reconnections, 1);
@@ -287,7 +268,6 @@ fn row_08_unplugged_during_the_first_command() {
     assert!(begun.elapsed() < Duration::from_secs(10));
 }
 
-/// A stop is not delayed by the search for a lost instrument.
 #[test]
 fn row_08_a_session_stops_at_once_while_it_looks_for_the_instrument() {
     let mut emulator = start(eits1_device("7"), FaultPlan::default());
@@ -355,8 +335,7 @@ fn row_10_a_trickle_and_a_stall() {
         held.extend(sent.drain(..));
         // silence from 2 s to 3 s after the start
         if !(2.0..3.0).contains(&now.as_secs_f64()) {
-            let some = held.len().min(7);
-            sent.extend(held.drain(..some));
+            sent.extend(held.drain(..held.len().min(7)));
         }
     };
     let emulator = start(Meddled(eits1_device("7"), meddle), FaultPlan::default());
@@ -393,7 +372,6 @@ fn row_10_a_command_with_a_pause_in_it() {
     assert_eq!(answer, [0x18, 1, 0x02, 0x18]);
 }
 
-/// A host with the wrong baud rate sees noise, and the error says so.
 #[cfg(unix)]
 #[test]
 fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
@@ -405,8 +383,7 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
     let Endpoint::Serial { path, .. } = emulator.endpoint().clone() else { panic!("serial") };
     let at = |baud| Endpoint::Serial { path: path.clone(), baud, dtr: None };
     let driver = || Board { first_frame_s: 0.5, ..board.clone() }.driver().unwrap();
-    let error = identify(&mut *driver(), &at(9600)).unwrap_err().to_string();
-    assert!(error.contains("baud rate of 9600 is probably wrong"), "{error}");
+    refused(identify(&mut *driver(), &at(9600)), &["baud rate of 9600 is probably wrong"]);
     assert!(identify(&mut *driver(), &at(115_200)).is_ok());
 
     // text where EITS-1 or another board was expected
@@ -418,8 +395,7 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
     assert!(error.contains("lines of 13 numbers, which this board does not send"), "{error}");
     // a second program
     let _first = Link::open(&at(115_200)).unwrap();
-    let error = Link::open(&at(115_200)).unwrap_err().to_string();
-    assert!(error.contains("another program uses the port"), "{error}");
+    refused(Link::open(&at(115_200)), &["another program uses the port"]);
 }
 
 /// On a slow line the set-up's 858 or 3 700 bytes there and back take longer than half a second.
@@ -436,8 +412,7 @@ fn a_set_up_takes_the_time_of_its_line() {
         let Endpoint::Serial { path, .. } = emulator.endpoint().clone() else { panic!("serial") };
         let mut driver = Eits1::new(&quadruples, 0.5, 1e-4, 0.0).unwrap();
         let begun = Instant::now();
-        let endpoint = Endpoint::Serial { path, baud, dtr: None };
-        let setup = identify(&mut driver, &endpoint);
+        let setup = identify(&mut driver, &Endpoint::Serial { path, baud, dtr: None });
         let took_s = begun.elapsed().as_secs_f64();
         assert_eq!(setup.unwrap().value_count, quadruples.len());
         // at least the time of the bytes there and back: the line is as slow as its rate
@@ -462,7 +437,6 @@ fn an_instrument_that_falls_silent_in_the_set_up_is_reported() {
     assert!(error.contains("use the configuration") && !error.contains("baud"), "{error}");
 }
 
-/// Complete lines with another count: the error gives both counts and the electrodes that would fit.
 #[test]
 fn a_board_of_other_electrodes_is_told_by_both_counts() {
     let of = |electrodes: u32| {
@@ -472,11 +446,8 @@ fn a_board_of_other_electrodes_is_told_by_both_counts() {
         Board { layout, format, first_frame_s: 0.6, ..Board::preset("serial-16").unwrap() }
     };
     let values = |_: u64, _: &[Quadruple], values: &mut [f64]| values.fill(0.5);
-    let device = BoardDevice::new(of(16), 20.0, Box::new(values));
-    let emulator = start(device, FaultPlan::default());
+    let emulator = start(BoardDevice::new(of(16), 20.0, Box::new(values)), FaultPlan::default());
     let wanted = Board { steps: Vec::new(), request: None, ..of(8) };
-    let error = identify(&mut *wanted.driver().unwrap(), emulator.endpoint()).unwrap_err();
-    assert!(matches!(error, HwError::LineCount { found: 208, wanted: 40, .. }), "{error}");
-    let error = error.to_string();
-    assert!(error.contains("208") && error.contains("40") && error.contains("16"), "{error}");
+    let told = identify(&mut *wanted.driver().unwrap(), emulator.endpoint());
+    refused(told, &["complete lines of 208 numbers", "has 40 measurements", "16"]);
 }

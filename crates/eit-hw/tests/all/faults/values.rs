@@ -110,8 +110,7 @@ fn session(
     let source = move |number: u64, _: &[Quadruple], slots: &mut [f64]| values(number, slots);
     let device = Eits1Device::new(information("7", complex), Box::new(source));
     let emulator = start(device, FaultPlan::default());
-    let driver = eits1_driver(16, 500.0);
-    let session = Session::open(driver, emulator.endpoint(), quick()).unwrap();
+    let session = Session::open(eits1_driver(16, 500.0), emulator.endpoint(), quick()).unwrap();
     (emulator, session)
 }
 
@@ -129,12 +128,10 @@ fn row_11_values_that_cannot_be_are_flagged() {
         values[8] = 100.0;
         values[10] = 0.25;
     });
-    let frame_at =
-        |sequence: u64| frames(&session).find(|frame| frame.sequence >= sequence).unwrap();
+    let frame_at = |least: u64| frames(&session).find(|frame| frame.sequence >= least).unwrap();
     let early = frame_at(0);
     let [bad, good] = [Quality::NON_FINITE, Quality::GOOD];
-    let flags = [bad, bad, good, Quality::OVER_RANGE, Quality::SATURATED, good];
-    assert_eq!(early.quality[..6], flags);
+    assert_eq!(early.quality[..6], [bad, bad, good, Quality::OVER_RANGE, Quality::SATURATED, good]);
     assert!(early.values[2] > 0.0 && early.values[5] == 0.25);
     assert_eq!(early.imaginary.as_ref().unwrap()[1..], [0.125; 207]);
     assert!(early.quality[6..].iter().all(|quality| quality.is_good()));
@@ -189,8 +186,7 @@ fn row_13_clocks_wrap() {
     let frame = |time_ms| {
         WHOLE.map(|(drive, group)| sciospec_frame(group, [drive, drive + 1], 1, time_ms)).concat()
     };
-    let wire = [u32::MAX - 20, u32::MAX - 10, 5, 15].map(frame).concat();
-    let times_s = receive(&wire).times_s;
+    let times_s = receive(&[u32::MAX - 20, u32::MAX - 10, 5, 15].map(frame).concat()).times_s;
     let steps = times_s.windows(2).map(|pair| (1e3 * (pair[1] - pair[0])).round());
     assert!(steps.eq([10.0, 16.0, 10.0]), "{times_s:?}");
 }
