@@ -10,6 +10,7 @@ macro_rules! refused {
 }
 
 /// Checks that the message of an error contains these words.
+#[cfg(feature = "unet")]
 #[track_caller]
 fn says<T>(result: Result<T, eit_denoise::DenoiseError>, words: &str) {
     let message = result.err().unwrap().to_string();

@@ -145,6 +145,7 @@ const SMALL_41: &str = include_str!("../files/small_41.msh");
 
 #[test]
 fn reads_sparse_tags_and_split_groups() {
+    assert!(SMALL_22.starts_with("$MeshFormat\r\n"), "the file has lost its Windows line ends");
     let square = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
     for (text, edges) in [(SMALL_22, vec![[0, 1]]), (SMALL_41, vec![[0, 1], [1, 2]])] {
         let mesh = parse_gmsh(text.as_bytes(), "small").unwrap();
