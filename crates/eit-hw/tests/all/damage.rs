@@ -256,7 +256,7 @@ fn recover_writes_all_that_is_whole_with_clocks_notes_and_attachments() {
 }
 
 /// Messages that are stored intact but are not what their topic holds, and frames of another instrument: all are
-/// copied, counted and never called frames.
+/// copied, in a chunk or not, counted and never called frames.
 #[test]
 fn recover_tells_what_is_whole_but_no_frame() {
     let folder = tempfile::tempdir().unwrap();
@@ -273,21 +273,25 @@ fn recover_tells_what_is_whole_but_no_frame() {
         }
     };
     let messages: Vec<u8> = (0..25).flat_map(|k| message(1, &content(k))).collect();
-    let chunk = lz4_chunk(&[channel(1, "/eit/frame"), messages].concat());
-    std::fs::write(&from, container(&[chunk])).unwrap();
-    let found = recover(&from, &to).unwrap();
-    let counts = (found.frames, found.unreadable, found.other_set_ups, found.messages);
-    assert_eq!(counts, (21, 4, 5, 0));
-    assert!(!found.damage.is_any(), "{:?}", found.damage);
-    // as many frames as a reader finds in both, and every message bit for bit
-    let frames = |path: &Path| read(path).unwrap().frames().count() as u64;
-    assert_eq!((frames(&from), frames(&to)), (21, 21));
-    let whole = std::fs::read(&to).unwrap();
-    for (k, message) in mcap::MessageStream::new(&whole).unwrap().enumerate() {
-        assert!(*message.unwrap().data == content(k)[..], "message {k}");
+    let records = [channel(1, "/eit/frame"), messages].concat();
+    for records in [lz4_chunk(&records), records] {
+        std::fs::write(&from, container(&[records])).unwrap();
+        let found = recover(&from, &to).unwrap();
+        let counts = (found.frames, found.unreadable, found.other_set_ups, found.messages);
+        assert_eq!(counts, (21, 4, 5, 0));
+        assert!(!found.damage.is_any(), "{:?}", found.damage);
+        // as many frames as a reader finds in both, and every message bit for bit
+        let frames = |path: &Path| read(path).unwrap().frames().count() as u64;
+        assert_eq!((frames(&from), frames(&to)), (21, 21));
+        let whole = std::fs::read(&to).unwrap();
+        let messages = mcap::MessageStream::new(&whole).unwrap().map(Result::unwrap);
+        let whole: Vec<bool> =
+            messages.enumerate().map(|(k, message)| *message.data == content(k)[..]).collect();
+        assert_eq!(whole, [true; 25]);
+        std::fs::remove_file(&to).unwrap();
     }
-    // nothing is left but both files
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    // nothing is left but the damaged one
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
 /// The chunk that defines the topics is bad: messages are recognised by their content.

@@ -193,10 +193,16 @@ fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
             }
         }
     });
-    let (frames, others) = take(&session, 12, check_sciospec);
-    assert!(frames.iter().all(|frame| frame.epoch == 0));
-    let told = |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
-    assert!(others.iter().filter(told).count() >= 3, "{others:?}");
+    // a busy computer sends several frames in a burst
+    let mut told = 0;
+    while told < 3 && session.statistics().frames < 360 {
+        let (frames, others) = take(&session, 12, check_sciospec);
+        assert!(frames.iter().all(|frame| frame.epoch == 0));
+        let is_told =
+            |event: &&Event| matches!(event, Event::Notice(text) if text.contains("held up"));
+        told += others.iter().filter(is_told).count();
+    }
+    assert!(told >= 3, "{told}");
     assert_eq!(session.statistics().lost, 0);
 }
 
