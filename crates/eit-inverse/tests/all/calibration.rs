@@ -1,5 +1,4 @@
-//! Calibration on simulated frames: exact ones, noisy ones from a finer mesh, and parameters that the data
-//! cannot determine.
+//! Calibration on exact frames, on noisy ones from a finer mesh, and of parameters that data cannot tell.
 
 use crate::common::solve;
 use eit_fem::{DrivenElectrodes, ForwardModel, PairProtocol, Protocol};
@@ -36,14 +35,16 @@ fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Without noise and on the same mesh, the truth is recovered from a start that is wrong by factors of
-/// forty and five.
+/// Impedances whose logarithms have this standard deviation.
+fn contacts(random: &mut Random, spread: f64) -> Vec<f64> {
+    (0..16).map(|_| CONTACT * (spread * random.normal()).exp()).collect()
+}
+
 #[test]
 fn exact_frames_give_the_exact_skin() {
     let protocol = protocol(DrivenElectrodes::Keep);
     let model = model(0.01, None, &protocol);
-    let mut random = Random::new(5);
-    let truth: Vec<f64> = (0..16).map(|_| CONTACT * (1.5 * random.normal()).exp()).collect();
+    let truth = contacts(&mut Random::new(5), 1.5);
     let frame = voltages(&model, SIGMA_S, &truth);
     let settings = CalibrationSettings::starting_at(40.0 * SIGMA_S, &[5.0 * CONTACT; 16]);
     let found = Calibration::of_frame(&model, &frame, &settings).unwrap();
@@ -69,13 +70,11 @@ fn errors_are_those_of_the_covariance() {
     let mut squares = [0.0; 3];
     for seed in 0..seeds {
         let mut random = Random::new(1000 + seed);
-        let truth: Vec<f64> = (0..16).map(|_| CONTACT * (spread * random.normal()).exp()).collect();
+        let truth = contacts(&mut random, spread);
         let clean = [&fine, &model].map(|model| voltages(model, SIGMA_S, &truth));
         // enough noise to hide most of the coarser mesh's error
         let noise = 0.05 * rms(&clean[0]);
-        let frames = clean.map(|clean| -> Vec<f64> {
-            clean.iter().map(|v| v + noise * random.normal()).collect()
-        });
+        let frames = clean.map(|clean| random.noisy(&clean, noise));
         for (k, square) in squares.iter_mut().enumerate() {
             let (known, frame) = (k != 1, &frames[k / 2]);
             let settings = CalibrationSettings {
@@ -110,7 +109,7 @@ fn what_data_do_not_tell_is_reported() {
     let mut random = Random::new(3);
     let clean = voltages(&model, SIGMA_S, &[CONTACT; 16]);
     let noise = 0.2 * rms(&clean);
-    let frame: Vec<f64> = clean.iter().map(|v| v + noise * random.normal()).collect();
+    let frame = random.noisy(&clean, noise);
     let each = CalibrationSettings::starting_at(SIGMA_S, &[CONTACT; 16]);
     let found = Calibration::of_frame(&model, &frame, &each).unwrap();
     let std = found.std();
@@ -122,17 +121,14 @@ fn what_data_do_not_tell_is_reported() {
     let one = Calibration::of_frame(&model, &frame, &common).unwrap();
     assert_eq!(one.covariance.dim(), (2, 2));
     assert!(one.contact_impedance.iter().all(|z| *z == one.contact_impedance[0]));
-    // A gain of 7 means a conductivity exactly 7 times lower and contacts 7 times higher. With the start
-    // scaled alike, nothing else changes.
+    // a gain of 7 is a conductivity exactly 7 times lower and contacts, as their start, 7 times higher
     let loud: Vec<f64> = frame.iter().map(|v| 7.0 * v).collect();
     let moved = CalibrationSettings { contact_impedance: vec![7.0 * CONTACT; 16], ..common };
     let two = Calibration::of_frame(&model, &loud, &moved).unwrap();
-    let ratios = [
-        7.0 * two.conductivity_s / one.conductivity_s,
-        two.contact_impedance[0] / (7.0 * one.contact_impedance[0]),
-    ];
+    let sheet = 7.0 * two.conductivity_s / one.conductivity_s;
+    let contact = two.contact_impedance[0] / (7.0 * one.contact_impedance[0]);
     // both stop within a thousandth of a standard deviation
-    assert!((ratios[0].ln() / std[0]).abs() < 1e-2 && ratios[1].ln().abs() < 1e-2, "{ratios:?}");
+    assert!((sheet.ln() / std[0]).abs() < 1e-2 && contact.ln().abs() < 1e-2, "{sheet} {contact}");
 }
 
 #[test]
@@ -155,10 +151,12 @@ fn bad_input_is_refused() {
     let without = (0..256).map(|i| i != 17).collect();
     let settings = CalibrationSettings { used: Some(without), ..good.clone() };
     assert!(Calibration::of_frame(&model, &broken, &settings).is_ok());
-    let shunt = CalibrationSettings { contact_impedance: vec![0.0; 16], ..good.clone() };
-    says(&frame, &shunt, "starting contact_impedance is 0");
-    let few = CalibrationSettings { contact_impedance: vec![1.0; 3], ..good.clone() };
-    says(&frame, &few, "contact_impedance: 3 values, but 16 are needed");
+    for (contact_impedance, wanted) in [
+        (vec![0.0; 16], "starting contact_impedance is 0"),
+        (vec![1.0; 3], "contact_impedance: 3 values, but 16 are needed"),
+    ] {
+        says(&frame, &CalibrationSettings { contact_impedance, ..good.clone() }, wanted);
+    }
     let zero = CalibrationSettings { conductivity_s: 0.0, ..good.clone() };
     says(&frame, &zero, "conductivity_s is 0");
     let never = CalibrationSettings { max_iterations: 0, ..good };

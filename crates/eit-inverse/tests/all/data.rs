@@ -1,10 +1,7 @@
-//! Difference data and rows of the Jacobian, compared with the written-out formulas and with what the
-//! reconstruction itself does with a frame.
+//! Difference data and rows of the Jacobian against their formulas and what the reconstruction makes of them.
 
-use crate::common::{disc, jacobian, relative_difference};
-use eit_inverse::{
-    DifferenceData, DifferenceKind, InverseError, Noser, OneStepGaussNewton, OneStepSettings,
-};
+use crate::common::{disc, jacobian, one_step, relative_difference, uniforms};
+use eit_inverse::{DifferenceData, DifferenceKind, InverseError, Noser, OneStepSettings};
 use fixtures::Random;
 use ndarray::Array2;
 
@@ -18,12 +15,11 @@ struct Setup {
 }
 
 fn scene() -> Setup {
-    let mut jacobian = jacobian(&disc(0.1, 4), 0.1, 8);
-    let count = jacobian.nrows();
+    let mut jacobian = jacobian(&disc(0.1, 4), 8);
     let mut random = Random::new(23);
-    let mut draw = || (0..count).map(|_| random.uniform() - 1.3).collect::<Vec<f64>>();
-    let (mut model_voltages_v, mut frame, mut reference_frame) = (draw(), draw(), draw());
-    let used = (0..count).map(|i| ![4, 11].contains(&i)).collect();
+    let [mut model_voltages_v, mut frame, mut reference_frame] =
+        [0; 3].map(|_| uniforms(&mut random, 40, -1.3));
+    let used = (0..40).map(|i| ![4, 11].contains(&i)).collect();
     (model_voltages_v[4], model_voltages_v[11]) = (0.0, f64::NAN);
     (frame[4], reference_frame[11]) = (f64::INFINITY, 0.0);
     jacobian[(11, 2)] = f64::NAN;
@@ -66,15 +62,14 @@ fn differences_and_rows_are_the_formula() {
     }
 }
 
-/// Both ways give the same image: the reconstruction's own normalisation, and plain data made from
-/// normalised ones.
+/// The reconstruction's own normalisation, and plain data made from normalised ones.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
     let Setup { jacobian: mut rows, model_voltages_v, frame, reference_frame, used } = scene();
     let data = DifferenceData::Normalised { model_voltages_v };
     let settings =
         OneStepSettings { data: data.clone(), used: Some(used.clone()), ..Default::default() };
-    let own = OneStepGaussNewton::new(&rows, &Noser::default(), settings.clone()).unwrap();
+    let own = one_step(&rows, &Noser::default(), settings.clone());
     let (mut difference, zero) = (vec![0.0; frame.len()], vec![0.0; frame.len()]);
     let kind = data.kind();
     kind.difference_into(&frame, &reference_frame, |i| used[i], 0.0, &mut difference).unwrap();
@@ -83,7 +78,7 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     assert_eq!(bits(&taken), bits(of_used));
     data.apply_to_rows(&mut rows, Some(&used)).unwrap();
     let settings = OneStepSettings { data: DifferenceData::Plain, ..settings };
-    let plain = OneStepGaussNewton::new(&rows, &Noser::default(), settings).unwrap();
+    let plain = one_step(&rows, &Noser::default(), settings);
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
     let found = plain.reconstruct(&difference, &zero).unwrap();
     // weight / voltage * entry or entry / voltage: one rounding apart, divided by lambda^2 = 1e-3

@@ -1,19 +1,13 @@
 //! One-step Gauss-Newton against hand solutions, the model-space form and its own symmetries.
 
-use crate::common::{
-    IDENTITY, adjacent, disc, jacobian, precision, relative_difference, solve, target,
-};
+use crate::common::*;
 use eit_inverse::{
-    DifferenceData, FrameStatus, Gaussian, GaussianSettings, InverseError, Laplace,
-    LaplaceSettings, Noser, OneStepGaussNewton, OneStepSettings, Prior, Tikhonov, metrics,
+    DifferenceData, FrameStatus, Gaussian, GaussianSettings, InverseError, Noser,
+    OneStepGaussNewton, OneStepSettings, Prior, Tikhonov, metrics,
 };
 use fixtures::Random;
-use ndarray::{Array1, Array2, ArrayView2, array};
+use ndarray::{Array1, Array2, ArrayView2, Axis, array};
 use proptest::prelude::*;
-
-fn settings(hyperparameter: f64) -> OneStepSettings {
-    OneStepSettings { hyperparameter, ..Default::default() }
-}
 
 /// `(J' W J + lambda^2 s R)^-1 J' W` with `s = trace(W^1/2 J R^-1 J' W^1/2) / m`, densely.
 fn model_space(
@@ -37,45 +31,39 @@ fn measurement_space_and_model_space_forms_are_equal() {
     let (areas, n) = (surface.areas_m2(), surface.areas_m2().len());
     let mut random = Random::new(1);
     let jacobian = random.normals(10, n);
-    let noise_std: Vec<f64> = (0..10).map(|_| 1e-6 * (0.5 + random.uniform())).collect();
+    let noise_std: Vec<f64> = uniforms(&mut random, 10, 0.5).iter().map(|e| 1e-6 * e).collect();
     let mean = areas.iter().sum::<f64>() / n as f64;
     let white = Array2::from_diag(&areas.iter().map(|a| a / mean).collect::<Array1<f64>>());
-    let laplace = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
-    let smooth = precision(&laplace, n);
-    let sensed: Array1<f64> = (0..n)
-        .map(|e| (0..10).map(|i| (jacobian[(i, e)] / noise_std[i]).powi(2)).sum::<f64>().sqrt())
-        .collect();
-    let noser = Array2::from_diag(&sensed);
-    let tikhonov = Tikhonov::new(&surface);
-    let cases: [(&dyn Prior, &Array2<f64>); 3] =
-        [(&tikhonov, &white), (&laplace, &smooth), (&Noser::default(), &noser)];
+    let laplace = laplace(&surface);
+    let weighted = (&jacobian.t() / &Array1::from(noise_std.clone())).mapv(|w| w * w);
+    let noser = Array2::from_diag(&weighted.sum_axis(Axis(1)).mapv(f64::sqrt));
+    let cases: [(&dyn Prior, Array2<f64>); 3] = [
+        (&Tikhonov::new(&surface), white),
+        (&laplace, precision(&laplace, n)),
+        (&Noser::default(), noser),
+    ];
     for (prior, precision) in cases {
-        for hyperparameter in [0.01, 0.3, 10.0] {
-            let settings =
-                OneStepSettings { noise_std: Some(noise_std.clone()), ..settings(hyperparameter) };
-            let inverse = OneStepGaussNewton::new(&jacobian, prior, settings).unwrap();
-            let expected = model_space(&jacobian, precision, &noise_std, hyperparameter);
-            let error = relative_difference(&inverse.reconstruction_matrix(), &expected);
+        for lambda in [0.01, 0.3, 10.0] {
+            let inverse = one_step(&jacobian, prior, with_noise(lambda, &noise_std));
+            let found = inverse.reconstruction_matrix();
+            let expected = model_space(&jacobian, &precision, &noise_std, lambda);
+            let error = relative_difference(&found, &expected);
             // the n x n normal matrix has rank 10 plus lambda^2 R: condition about 1e5 at 0.01
-            assert!(error < 1e-9, "{} at {hyperparameter}: {error:e}", prior.name());
+            assert!(error < 1e-9, "{} at {lambda}: {error:e}", prior.name());
         }
     }
 }
 
 #[test]
-fn hand_solved_problems() {
-    let one = OneStepGaussNewton::new(&array![[2.0]], &IDENTITY, settings(0.5)).unwrap();
-    // A = 4, s = 4: RM = 2 / (4 + 0.25 * 4)
-    assert!((one.reconstruction_matrix()[(0, 0)] - 0.4).abs() < 1e-15);
-    let two =
-        OneStepGaussNewton::new(&array![[1.0, 0.0], [0.0, 3.0]], &IDENTITY, settings(0.2)).unwrap();
+fn a_hand_solved_problem() {
+    let inverse = one_step(&array![[1.0, 0.0], [0.0, 3.0]], &IDENTITY, with_lambda(0.2));
     // s = (1 + 9) / 2 = 5, lambda^2 s = 0.2
     let expected = array![[1.0 / 1.2, 0.0], [0.0, 3.0 / 9.2]];
-    assert!(relative_difference(&two.reconstruction_matrix(), &expected) < 1e-15);
-    assert!((two.report().scale - 5.0).abs() < 1e-14);
-    assert!((two.report().condition - 9.0).abs() < 1e-13);
-    assert!((two.report().degrees_of_freedom - (1.0 / 1.2 + 9.0 / 9.2)).abs() < 1e-14);
-    let image = two.reconstruct(&[4.0, 5.0], &[3.0, 3.0]).unwrap();
+    assert!(relative_difference(&inverse.reconstruction_matrix(), &expected) < 1e-15);
+    assert!((inverse.report().scale - 5.0).abs() < 1e-14);
+    assert!((inverse.report().condition - 9.0).abs() < 1e-13);
+    assert!((inverse.report().degrees_of_freedom - (1.0 / 1.2 + 9.0 / 9.2)).abs() < 1e-14);
+    let image = inverse.reconstruct(&[4.0, 5.0], &[3.0, 3.0]).unwrap();
     assert!(relative_difference(&image, &array![1.0 / 1.2, 6.0 / 9.2]) < 1e-15);
 }
 
@@ -83,22 +71,18 @@ fn hand_solved_problems() {
 fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
     let mut random = Random::new(2);
     let jacobian = random.normals(20, 60);
-    let frame: Vec<f64> = (0..20).map(|_| random.normal()).collect();
-    let reference = vec![0.0; 20];
-    let mut inverse = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings(1.0)).unwrap();
+    let frame = random.noisy(&[0.0; 20], 1.0);
+    let mut inverse = one_step(&jacobian, &IDENTITY, with_lambda(1.0));
     assert_eq!(inverse.report().rank, 20);
-    let mut last = 0.0;
-    for hyperparameter in [1e-6, 1e-3, 0.1, 1.0, 1e3] {
-        inverse.set_hyperparameter(hyperparameter).unwrap();
-        let residual = inverse.relative_residual(&frame, &reference).unwrap().unwrap();
-        assert!(residual > last, "the residual grows with lambda");
-        last = residual;
-    }
-    inverse.set_hyperparameter(1e-6).unwrap();
+    let residuals = [1e-6, 1e-3, 0.1, 1.0, 1e3].map(|lambda| {
+        inverse.set_hyperparameter(lambda).unwrap();
+        inverse.relative_residual(&frame, &[0.0; 20]).unwrap().unwrap()
+    });
+    assert!(residuals[0] > 0.0 && residuals.is_sorted_by(|a, b| a < b), "{residuals:?}");
     // residual / data <= lambda^2 s / d_min; s / d_min is about 5 for a 20 x 60 random matrix
-    assert!(inverse.relative_residual(&frame, &reference).unwrap().unwrap() < 1e-10);
+    assert!(residuals[0] < 1e-10);
     inverse.set_hyperparameter(1e6).unwrap();
-    let image = inverse.reconstruct(&frame, &reference).unwrap();
+    let image = inverse.reconstruct(&frame, &[0.0; 20]).unwrap();
     // |RM| <= |J| / (lambda^2 s) = about 14 / 6e13
     assert!(image.iter().all(|x| x.abs() < 1e-11));
 }
@@ -107,10 +91,9 @@ fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
 fn relative_residual_is_that_of_the_image() {
     let mut random = Random::new(3);
     let jacobian = random.normals(12, 7);
-    let noise_std: Vec<f64> = (0..12).map(|_| 0.5 + random.uniform()).collect();
-    let [frame, reference] = [0; 2].map(|_| (0..12).map(|_| random.normal()).collect::<Vec<f64>>());
-    let settings = OneStepSettings { noise_std: Some(noise_std.clone()), ..settings(0.4) };
-    let inverse = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings).unwrap();
+    let noise_std = uniforms(&mut random, 12, 0.5);
+    let [frame, reference] = [0; 2].map(|_| random.noisy(&[0.0; 12], 1.0));
+    let inverse = one_step(&jacobian, &IDENTITY, with_noise(0.4, &noise_std));
     assert_eq!(inverse.report().rank, 7, "twelve measurements of seven elements");
     let image = inverse.reconstruct(&frame, &reference).unwrap();
     let dv = Array1::from(frame.clone()) - &Array1::from(reference.clone());
@@ -135,55 +118,48 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
     let (fine, coarse) = (disc(0.1, 17), disc(0.1, 12));
     let truth = target(&coarse, [0.04, 0.02], 0.012, 1.0);
     let touch = target(&fine, [0.04, 0.02], 0.012, 1.0);
-    let frame = jacobian(&fine, 0.1, 16).dot(&Array1::from(touch)).to_vec();
-    let jacobian = jacobian(&coarse, 0.1, 16);
-    let priors: [&dyn Prior; 4] = [
-        &Tikhonov::new(&coarse),
-        &Noser::default(),
-        &Laplace::new(&coarse, &LaplaceSettings::default()).unwrap(),
-        &Gaussian::new(&coarse, &GaussianSettings::default()).unwrap(),
-    ];
+    let frame = jacobian(&fine, 16).dot(&Array1::from(touch)).to_vec();
+    let jacobian = jacobian(&coarse, 16);
+    let gaussian = Gaussian::new(&coarse, &GaussianSettings::default()).unwrap();
+    let priors: [&dyn Prior; 4] =
+        [&Tikhonov::new(&coarse), &Noser::default(), &laplace(&coarse), &gaussian];
     for prior in priors {
         // eigenvalues at the rounding floor are truncated: consistent data is explained
-        let tiny = OneStepGaussNewton::new(&jacobian, prior, settings(1e-9)).unwrap();
+        let tiny = one_step(&jacobian, prior, with_lambda(1e-9));
         // 208 measurements, equal in pairs by reciprocity; a smooth prior has an even lower rank
         let (name, rank) = (prior.name(), tiny.report().rank);
         assert!(rank == 104 || name != "tikhonov" && rank < 104, "{name}: rank {rank}");
         let residual = tiny.relative_residual(&frame, &[0.0; 208]).unwrap().unwrap();
         // smooth priors truncate the spectrum at the rounding floor: measured 3e-6
         assert!(residual < 1e-5, "{name}: residual {residual:e}");
-        let inverse = OneStepGaussNewton::new(&jacobian, prior, settings(0.01)).unwrap();
+        let inverse = one_step(&jacobian, prior, with_lambda(0.01));
         let image = inverse.reconstruct(&frame, &[0.0; 208]).unwrap().to_vec();
         let error_m = metrics::position_error_m(&image, &coarse, [0.04, 0.02, 0.0]).unwrap();
         // a tenth of the radius: about the resolution of 16 electrodes at half the radius
         assert!(error_m < 0.01, "{name}: {error_m} m off");
-        let correlation =
-            metrics::correlation_coefficient(&image, &truth, coarse.areas_m2()).unwrap();
+        let alike = metrics::correlation_coefficient(&image, &truth, coarse.areas_m2()).unwrap();
         // measured 0.65 (Laplace) to 0.78 (NOSER): touches are blurred to the resolution of 16 electrodes
-        assert!(correlation > 0.6, "{name}: correlation {correlation}");
+        assert!(alike > 0.6, "{name}: correlation {alike}");
     }
 }
 
 #[test]
 fn reciprocal_rows_count_as_one_measurement_of_double_weight() {
     let surface = disc(0.1, 8);
-    let full = jacobian(&surface, 0.1, 8);
+    let full = jacobian(&surface, 8);
     let first: Vec<usize> = (0..40).filter(|&i| adjacent(8)[i][0] < adjacent(8)[i][2]).collect();
-    let half = full.select(ndarray::Axis(0), &first);
-    let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+    let half = full.select(Axis(0), &first);
+    let prior = laplace(&surface);
     let touch = Array1::from(target(&surface, [0.03, -0.02], 0.02, 1.0));
     // merged: half as many rows with the same total weight, so s doubles; lambda^2 s must stay the same
-    let merged = OneStepSettings {
-        noise_std: Some(vec![0.5_f64.sqrt(); 20]),
-        ..settings(0.02 * 0.5_f64.sqrt())
-    };
-    let [(twice, rank), (once, other)] =
-        [(&full, settings(0.02)), (&half, merged)].map(|(j, s)| {
-            let inverse = OneStepGaussNewton::new(j, &prior, s).unwrap();
-            let frame = j.dot(&touch).to_vec();
-            let image = inverse.reconstruct(&frame, &vec![0.0; frame.len()]).unwrap();
-            (image, inverse.report().rank)
-        });
+    let root = 0.5_f64.sqrt();
+    let cases = [(&full, with_lambda(0.02)), (&half, with_noise(0.02 * root, &[root; 20]))];
+    let [(twice, rank), (once, other)] = cases.map(|(j, settings)| {
+        let inverse = one_step(j, &prior, settings);
+        let frame = j.dot(&touch).to_vec();
+        let image = inverse.reconstruct(&frame, &vec![0.0; frame.len()]).unwrap();
+        (image, inverse.report().rank)
+    });
     assert_eq!(rank, other);
     // the filter divides by lambda^2 s = 4e-4 of the mean eigenvalue: 1e-16 / 4e-4, with a margin
     assert!(relative_difference(&twice, &once) < 1e-10);
@@ -192,18 +168,16 @@ fn reciprocal_rows_count_as_one_measurement_of_double_weight() {
 #[test]
 fn one_frame_many_frames_raster_and_matrix_agree() {
     let surface = disc(0.1, 6);
-    let jacobian = jacobian(&surface, 0.1, 8);
-    let inverse =
-        OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&surface), settings(0.03)).unwrap();
+    let jacobian = jacobian(&surface, 8);
+    let [inverse, mut changed] = [0.03, 1.0]
+        .map(|lambda| one_step(&jacobian, &Tikhonov::new(&surface), with_lambda(lambda)));
     let mut random = Random::new(6);
     let frames = random.normals(5, jacobian.nrows());
-    let reference: Vec<f64> = (0..jacobian.nrows()).map(|_| random.normal()).collect();
+    let reference = random.noisy(&[0.0; 40], 1.0);
     let images = inverse.reconstruct_frames(frames.view(), &reference).unwrap();
     let raster = eit_mesh::Raster::new(&surface, 12).unwrap();
     let pixels = inverse.on_raster(raster.pixel_from_element()).unwrap();
     let matrix = inverse.reconstruction_matrix();
-    let mut changed =
-        OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&surface), settings(1.0)).unwrap();
     changed.set_hyperparameter(0.03).unwrap();
     assert_eq!(changed.reconstruction_matrix(), matrix);
     assert_eq!(changed.report().degrees_of_freedom, inverse.report().degrees_of_freedom);
@@ -213,11 +187,8 @@ fn one_frame_many_frames_raster_and_matrix_agree() {
         let dv = &frame - &Array1::from(reference.clone());
         let frame = frame.to_vec();
         inverse.reconstruct_into(&frame, &reference, &mut workspace, &mut image).unwrap();
-        let mut linear = vec![f64::NAN; image.len()];
-        inverse
-            .reconstructor()
-            .reconstruct_difference_into(&dv.to_vec(), &mut workspace, &mut linear)
-            .unwrap();
+        let (map, mut linear) = (inverse.reconstructor(), vec![f64::NAN; image.len()]);
+        map.reconstruct_difference_into(&dv.to_vec(), &mut workspace, &mut linear).unwrap();
         assert_eq!(linear, image, "the same products of the same numbers");
         let expected = matrix.dot(&dv);
         // products of the same factors in another order
@@ -241,16 +212,16 @@ fn one_frame_many_frames_raster_and_matrix_agree() {
 
 #[test]
 fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
-    let jacobian = jacobian(&disc(0.1, 6), 0.1, 8);
+    let jacobian = jacobian(&disc(0.1, 6), 8);
     let mut random = Random::new(7);
-    let mut draw = |low: f64| (0..40).map(|_| low + random.uniform()).collect::<Vec<f64>>();
-    let (noise_std_v, mut model_voltages_v, dv) = (draw(0.5), draw(0.2), draw(-0.5));
+    let [noise_std_v, mut model_voltages_v, dv] =
+        [0.5, 0.2, -0.5].map(|low| uniforms(&mut random, 40, low));
     model_voltages_v[3] = -model_voltages_v[3];
     let frame: Vec<f64> = model_voltages_v.iter().zip(&dv).map(|(v, d)| v + d).collect();
     let reference = model_voltages_v.clone();
     let with = |noise_std, data| {
-        let settings = OneStepSettings { noise_std, data, ..settings(0.05) };
-        OneStepGaussNewton::new(&jacobian, &Noser::default(), settings).unwrap()
+        let settings = OneStepSettings { noise_std, data, ..with_lambda(0.05) };
+        one_step(&jacobian, &Noser::default(), settings)
     };
     let normalised = DifferenceData::Normalised { model_voltages_v };
     let [plain, normalised] = [DifferenceData::Plain, normalised]
@@ -259,9 +230,9 @@ fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
     let [a, b] = [&plain, &normalised].map(|i| i.reconstruct(&frame, &reference).unwrap());
     // lambda^2 s is 2.5e-3 of the mean eigenvalue; 1e-16 over it, with a margin
     assert!(relative_difference(&a, &b) < 1e-12);
-    let absolute =
-        |i: &OneStepGaussNewton| i.report().scale / i.report().noise_scale.unwrap().powi(2);
-    assert!((absolute(&normalised) / absolute(&plain) - 1.0).abs() < 1e-13);
+    let [a, b] =
+        [&plain, &normalised].map(|i| i.report().scale / i.report().noise_scale.unwrap().powi(2));
+    assert!((b / a - 1.0).abs() < 1e-13);
     let largest = noise_std_v.iter().copied().fold(0.0, f64::max);
     assert_eq!(plain.report().noise_scale, Some(largest));
     assert_eq!(with(None, DifferenceData::Plain).report().noise_scale, None);
@@ -276,16 +247,14 @@ fn wrong_input_is_named() {
         OneStepGaussNewton::new(jacobian, prior, OneStepSettings::default())
     };
     let new = |settings| OneStepGaussNewton::new(&jacobian, &IDENTITY, settings);
-    let noise = |values: &[f64]| {
-        new(OneStepSettings { noise_std: Some(values.to_vec()), ..Default::default() })
-    };
+    let noise = |values: &[f64]| new(with_noise(0.03, values));
     refused!(noise(&[1.0]), WrongLength { what: "noise_std", found: 1, wanted: 3 });
     refused!(noise(&[1.0, -1.0, 1.0]), MeasurementOutOfRange { measurement: 1, value: -1.0, .. });
     let data = DifferenceData::Normalised { model_voltages_v: vec![1.0, 1.0, 0.0] };
     let zero = new(OneStepSettings { data, ..Default::default() });
     refused!(zero, ZeroReference { measurement: 2, .. });
-    for hyperparameter in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        refused!(new(settings(hyperparameter)), OutOfRange { .. });
+    for lambda in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        refused!(new(with_lambda(lambda)), OutOfRange { .. });
     }
     refused!(with(&Array2::zeros((3, 2)), &IDENTITY), NoSensitivity { measurements: 3 });
     let none = with(&Array2::zeros((0, 2)), &IDENTITY);
@@ -325,28 +294,27 @@ fn an_indefinite_prior_is_refused() {
             Ok(&j * &array![2.0, -1.0])
         }
     }
-    let negative = OneStepGaussNewton::new(&Array2::eye(2), &Negative, settings(0.1));
+    let negative = OneStepGaussNewton::new(&Array2::eye(2), &Negative, with_lambda(0.1));
     refused!(negative, BadCovariance { prior: "negative", .. });
 }
 
 proptest! {
     #![proptest_config(fixtures::cases(32))]
 
-    /// Normalised data is independent of channel gains, drive current and channel signs.
     #[test]
     fn normalised_data_is_free_of_gain(seed in any::<u64>()) {
         let mut random = Random::new(seed);
         let (m, n) = (8, 11);
         let jacobian = random.normals(m, n);
-        let model_voltages_v: Vec<f64> = (0..m).map(|_| 0.2 + random.uniform()).collect();
+        let model_voltages_v = uniforms(&mut random, m, 0.2);
         let data = DifferenceData::Normalised { model_voltages_v };
-        let inverse = OneStepGaussNewton::new(
-            &jacobian, &IDENTITY, OneStepSettings { data, ..settings(0.1) }).unwrap();
+        let inverse =
+            one_step(&jacobian, &IDENTITY, OneStepSettings { data, ..with_lambda(0.1) });
         let [frame, reference] =
-            [0; 2].map(|_| (0..m).map(|_| 1.0 + 0.3 * random.uniform()).collect::<Vec<f64>>());
+            [0; 2].map(|_| (0..m).map(|_| random.between(1.0, 1.3)).collect::<Vec<f64>>());
         let gains: Vec<f64> = (0..m).map(|_| {
             let sign = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
-            sign * 10_f64.powf(6.0 * random.uniform() - 3.0)
+            sign * 10_f64.powf(random.between(-3.0, 3.0))
         }).collect();
         let seen = |x: &[f64]| x.iter().zip(&gains).map(|(x, g)| x * g).collect::<Vec<f64>>();
         let plain = inverse.reconstruct(&frame, &reference).unwrap();
@@ -358,36 +326,32 @@ proptest! {
         refused!(inverse.reconstruct(&frame, &zero), ZeroReference { measurement: 3, .. });
     }
 
-    /// Lambda is independent of the units of current, conductivity and noise.
     #[test]
     fn lambda_is_free_of_units(seed in any::<u64>(), unit in -9.0..9.0_f64,
                                noise in -9.0..9.0_f64) {
         let mut random = Random::new(seed);
         let jacobian = random.normals(7, 12);
-        let frame: Vec<f64> = (0..7).map(|_| random.normal()).collect();
+        let frame = random.noisy(&[0.0; 7], 1.0);
         let (unit, noise) = (10_f64.powf(unit), 10_f64.powf(noise));
-        let reference = [0.0; 7];
-        let base = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings(0.1)).unwrap();
-        let settings = OneStepSettings { noise_std: Some(vec![noise; 7]), ..settings(0.1) };
-        let scaled = OneStepGaussNewton::new(&(&jacobian * unit), &IDENTITY, settings).unwrap();
-        let expected = base.reconstruct(&frame, &reference).unwrap() / unit;
-        let image = scaled.reconstruct(&frame, &reference).unwrap();
+        let base = one_step(&jacobian, &IDENTITY, with_lambda(0.1));
+        let scaled = one_step(&(&jacobian * unit), &IDENTITY, with_noise(0.1, &[noise; 7]));
+        let expected = base.reconstruct(&frame, &[0.0; 7]).unwrap() / unit;
+        let image = scaled.reconstruct(&frame, &[0.0; 7]).unwrap();
         prop_assert!(relative_difference(&image, &expected) < 1e-11);
     }
 
-    /// Any finite data gives a finite image, for any rank of the Jacobian.
     #[test]
     fn any_rank_gives_a_finite_image(seed in any::<u64>(), m in 1_usize..12, n in 1_usize..12,
                                      rank in 1_usize..5, power in -12.0..3.0_f64) {
         let mut random = Random::new(seed);
         let jacobian = random.normals(m, rank).dot(&random.normals(rank, n));
-        let inverse =
-            OneStepGaussNewton::new(&jacobian, &Noser::default(), settings(10_f64.powf(power))).unwrap();
+        let inverse = one_step(&jacobian, &Noser::default(), with_lambda(10_f64.powf(power)));
         prop_assert!(inverse.report().rank <= rank.min(m).min(n));
-        let frame: Vec<f64> = (0..m).map(|_| random.normal()).collect();
-        let image = inverse.reconstruct(&frame, &vec![0.0; m]).unwrap();
+        let zero = vec![0.0; m];
+        let frame = random.noisy(&zero, 1.0);
+        let image = inverse.reconstruct(&frame, &zero).unwrap();
         prop_assert!(image.iter().all(|x| x.is_finite()));
-        let residual = inverse.relative_residual(&frame, &vec![0.0; m]).unwrap().unwrap();
+        let residual = inverse.relative_residual(&frame, &zero).unwrap().unwrap();
         prop_assert!((0.0..=1.0 + 1e-12).contains(&residual));
     }
 }
@@ -396,17 +360,14 @@ proptest! {
 #[test]
 fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
     let surface = disc(0.1, 6);
-    let jacobian = jacobian(&surface, 0.1, 8);
-    let mut random = Random::new(16);
-    let count = jacobian.nrows();
-    let reference: Vec<f64> = (0..count).map(|_| 1.0 + random.uniform()).collect();
-    let mut used = vec![true; count];
-    used[3] = false;
+    let jacobian = jacobian(&surface, 8);
+    let reference = uniforms(&mut Random::new(16), 40, 1.0);
+    let used: Vec<bool> = (0..40).map(|i| i != 3).collect();
     let normalised = DifferenceData::Normalised { model_voltages_v: reference.clone() };
     for data in [DifferenceData::Plain, normalised] {
-        let settings = OneStepSettings { data, used: Some(used.clone()), ..settings(0.03) };
-        let map = OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&surface), settings).unwrap();
-        let map = map.reconstructor();
+        let settings = OneStepSettings { data, used: Some(used.clone()), ..with_lambda(0.03) };
+        let inverse = one_step(&jacobian, &Tikhonov::new(&surface), settings);
+        let map = inverse.reconstructor();
         let mut memory = map.workspace();
         let mut image = vec![f64::NAN; map.image_len()];
         let mut one = |frame: &[f64], bad: &[usize]| {
@@ -421,7 +382,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
         frame[3] = f64::NAN;
         let (status, image) = one(&frame, &[]).unwrap();
         assert_eq!(status, FrameStatus::Unchanged);
-        let batch = ArrayView2::from_shape((1, count), &reference).unwrap();
+        let batch = ArrayView2::from_shape((1, 40), &reference).unwrap();
         let batch = map.reconstruct_frames(batch, &reference).unwrap();
         assert_eq!(image, batch.row(0).to_vec());
         // one bit of one measurement is a change, unless it is masked in this frame

@@ -9,8 +9,7 @@ mod difference;
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod stream;
 
-/// Each image is within a tenth of the radius of the finger. Eight untouched frames bring the image to
-/// rest, and the remaining of the 16 cost nothing.
+/// A tenth of the radius. Eight untouched frames bring the image to rest, and the others cost nothing.
 #[cfg(feature = "st-tv")]
 #[test]
 fn stream_example() {
@@ -21,9 +20,8 @@ fn stream_example() {
     assert_eq!(outcome.quiet, 9);
 }
 
-/// Every prior and rule finds the finger within a tenth of the radius (the resolution of 16 electrodes at
-/// half the radius), with a positive correlation between image and truth. The README's table matches the example's
-/// results to one unit of its last digits.
+/// A tenth of the radius is the resolution of 16 electrodes at half the radius. The README's table matches the
+/// example's results to one unit of its last digits.
 #[test]
 fn difference_example_and_its_table_in_the_readme() {
     let outcomes = difference::run().unwrap();

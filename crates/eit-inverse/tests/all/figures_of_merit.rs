@@ -1,17 +1,14 @@
 //! Figures of merit on images whose figures follow from geometry or come from another program.
 
-use crate::common;
-use crate::common::{disc, target};
-use eit_inverse::InverseError;
+use crate::common::{RADIUS_M, disc, grid, target};
 use eit_inverse::metrics::ChangeSign::{Decrease, Increase};
 use eit_inverse::metrics::{self, Blob, Cells, GreitFigures, GreitTarget, TouchSettings};
 use eit_mesh::{Raster, Surface};
-use ndarray::Array2;
+use ndarray::{Array2, Axis};
 use proptest::prelude::*;
+use std::array::from_fn;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
-
-const RADIUS_M: f64 = 0.1;
 
 /// Disc skin of 0.1 m under 128 pixels of 1.6 mm, and its cells.
 static SKIN: LazyLock<(Surface, Raster, Cells<2>)> = LazyLock::new(|| {
@@ -34,8 +31,12 @@ fn bell(x: f64, y: f64, [cx, cy]: [f64; 2], sigma_m: f64) -> f64 {
     (-0.5 * ((x - cx).powi(2) + (y - cy).powi(2)) / sigma_m.powi(2)).exp()
 }
 
-fn inside(x: f64, y: f64, [cx, cy]: [f64; 2], radius_m: f64) -> bool {
-    (x - cx).hypot(y - cy) <= radius_m
+fn distance([x, y]: [f64; 2], [cx, cy]: [f64; 2]) -> f64 {
+    (x - cx).hypot(y - cy)
+}
+
+fn inside(x: f64, y: f64, centre: [f64; 2], radius_m: f64) -> bool {
+    distance([x, y], centre) <= radius_m
 }
 
 fn greit(values: &[f64], cells: &Cells<2>, position_m: [f64; 2], amount: f64) -> GreitFigures<2> {
@@ -53,10 +54,8 @@ fn correlation_of_known_images() {
     // (0, 1, 0) about its mean 1/2 is even, (1, 0, -1) odd: no correlation
     assert!(cc(&[0.0, 1.0, 0.0], &[1.0, 0.0, -1.0]).abs() < 1e-15);
     assert!(cc(&[1.0; 3], &[1.0, 2.0, 3.0]).is_nan());
-    assert_eq!(
-        metrics::correlation_coefficient(&[1.0], &[1.0, 2.0], &[1.0]).unwrap_err(),
-        InverseError::WrongLength { what: "truth", found: 2, wanted: 1 }
-    );
+    let wrong = metrics::correlation_coefficient(&[1.0], &[1.0, 2.0], &[1.0]);
+    refused!(wrong, WrongLength { what: "truth", found: 2, wanted: 1 });
 }
 
 #[test]
@@ -73,9 +72,9 @@ fn positions_of_known_images() {
     let zero = vec![0.0; image.len()];
     assert_eq!(metrics::half_amplitude_centre_m(&zero, &surface).unwrap(), None);
     assert_eq!(metrics::position_error_m(&zero, &surface, place).unwrap(), f64::INFINITY);
-    let wrong = metrics::position_error_m(&zero[1..], &surface, place).unwrap_err();
-    let (what, found, wanted) = ("image", zero.len() - 1, zero.len());
-    assert_eq!(wrong, InverseError::WrongLength { what, found, wanted });
+    // 6 * 20^2 elements
+    let wrong = metrics::position_error_m(&zero[1..], &surface, place);
+    refused!(wrong, WrongLength { what: "image", found: 2399, wanted: 2400 });
 }
 
 #[test]
@@ -97,10 +96,8 @@ fn half_maximum_centre_is_weighted_by_value_and_area() {
         assert_eq!(centre(&values, Increase), Some([2.0 / 3.0, 0.0]), "{unit:e}");
     }
     for (areas, positions) in [(&areas[1..], &positions[..]), (&areas[..], &positions[1..])] {
-        refused!(
-            metrics::half_maximum_centre_m(&values, areas, positions, Increase),
-            WrongLength { found: 4, wanted: 5, .. }
-        );
+        let short = metrics::half_maximum_centre_m(&values, areas, positions, Increase);
+        refused!(short, WrongLength { found: 4, wanted: 5, .. });
     }
 }
 
@@ -127,13 +124,11 @@ fn relative_error_of_known_images() {
 
 /// The two images of [`similarity_is_that_of_scikit_image`].
 fn similarity_images() -> [Array2<f64>; 2] {
-    let bell = |i: usize, j: usize, [ci, cj]: [f64; 2], width: f64| {
-        (-((i as f64 - ci).powi(2) + (j as f64 - cj).powi(2)) / width).exp()
-    };
-    let wave = |i: usize, j: usize| (0.9 * i as f64).cos() * (0.7 * j as f64).sin();
-    let image = |(i, j)| 0.8 * bell(i, j, [11.0, 9.0], 24.0) + 0.05 * wave(i, j);
-    let truth = |(i, j)| bell(i, j, [9.0, 11.0], 18.0);
-    [Array2::from_shape_fn((24, 20), image), Array2::from_shape_fn((24, 20), truth)]
+    let wave = |i: f64, j: f64| (0.9 * i).cos() * (0.7 * j).sin();
+    let image = |i, j| 0.8 * bell(i, j, [11.0, 9.0], 12_f64.sqrt()) + 0.05 * wave(i, j);
+    let truth = |i, j| bell(i, j, [9.0, 11.0], 3.0);
+    let [image, truth]: [&dyn Fn(f64, f64) -> f64; 2] = [&image, &truth];
+    [image, truth].map(|of| Array2::from_shape_fn((24, 20), |(i, j)| of(i as f64, j as f64)))
 }
 
 /// Reference values of scikit-image 0.26.0 (NumPy 2.4.6) on the same two images `x` and `t`:
@@ -148,17 +143,13 @@ fn similarity_images() -> [Array2<f64>; 2] {
 fn similarity_is_that_of_scikit_image() {
     let [image, truth] = similarity_images();
     let mask = Array2::from_elem(image.raw_dim(), true);
-    let map = |range| {
-        metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), range)
-            .unwrap()
-            .unwrap()
-    };
+    let map =
+        |range| metrics::structural_similarity_map(image.view(), truth.view(), mask.view(), range);
     let mean = |map: &Array2<f64>| {
-        let whole = |i: usize, j: usize| (5..19).contains(&i) && (5..15).contains(&j);
-        let values = map.indexed_iter().filter(|((i, j), _)| whole(*i, *j)).map(|(_, x)| x);
-        values.sum::<f64>() / (14.0 * 10.0)
+        let rows = map.slice_axis(Axis(0), (5..19).into());
+        rows.slice_axis(Axis(1), (5..15).into()).mean().unwrap()
     };
-    let own = map(None);
+    let [own, wide] = [None, Some(2.0)].map(|range| map(range).unwrap().unwrap());
     // both programs sum a window in their own order: a few dozen roundings (measured 1.3e-15)
     let tolerance = 1e-13;
     assert!((mean(&own) - 0.493_138_216_753_249_04).abs() < tolerance, "{}", mean(&own));
@@ -170,7 +161,6 @@ fn similarity_is_that_of_scikit_image() {
     ] {
         assert!((own[place] - wanted).abs() < tolerance, "{place:?}: {}", own[place]);
     }
-    let wide = map(Some(2.0));
     assert!((mean(&wide) - 0.509_257_971_453_471_4).abs() < tolerance, "{}", mean(&wide));
 }
 
@@ -200,10 +190,10 @@ fn similarity_looks_at_the_mask_only() {
     // weights of up to 121 pixels sum to one within their rounding
     assert!((found - wanted).abs() < 1e-13, "{found} {wanted}");
     assert_eq!(score(&flat(x), &flat(t), None).unwrap(), None);
+    let (image, truth) = (image.view(), truth.view());
     let nothing = Array2::from_elem(image.raw_dim(), false);
     for range in [None, Some(1.0)] {
-        let none =
-            metrics::structural_similarity(image.view(), truth.view(), nothing.view(), range);
+        let none = metrics::structural_similarity(image, truth, nothing.view(), range);
         assert_eq!(none.unwrap(), None);
     }
 }
@@ -239,8 +229,7 @@ fn greit_figures_of_a_disc() {
         // rim pixels with centres between the two circles, which differ by half a percent
         assert!(found.shape_deformation < 0.02, "{found:?}");
         assert_eq!(found.ringing, 0.0);
-        let place = (found.centre_m[0] - centre[0]).hypot(found.centre_m[1] - centre[1]);
-        assert!(place < 2e-4, "{found:?}");
+        assert!(distance(found.centre_m, centre) < 2e-4, "{found:?}");
         let radial = truth[0].hypot(truth[1]) - centre[0].hypot(centre[1]);
         assert!((found.position_error_m - radial).abs() < 2e-4, "{found:?}");
         // a decrease gives the same figures with the sign reversed
@@ -274,10 +263,7 @@ fn greit_figures_of_a_bell_with_a_ring() {
     let cells = cells();
     // off the grid's symmetries, where all rim errors would have the same sign
     let (sigma, v, place) = (0.012, 0.1, [0.0031, -0.0017]);
-    let ring = |x: f64, y: f64| {
-        let r = (x - place[0]).hypot(y - place[1]);
-        f64::from((0.05..0.06).contains(&r))
-    };
+    let ring = |x: f64, y: f64| f64::from((0.05..0.06).contains(&distance([x, y], place)));
     let values = image(cells, |x, y| bell(x, y, place, sigma) - v * ring(x, y));
     let bell_amount = 2.0 * PI * sigma * sigma;
     let ring_m2 = PI * (0.06_f64.powi(2) - 0.05_f64.powi(2));
@@ -316,16 +302,14 @@ fn greit_refuses_impossible_targets() {
 #[test]
 fn blobs_are_joined_across_sides() {
     // four squares of 1 m, two triangles each
-    let surface = common::grid(2, |i, j| [i as f64, j as f64, 0.0]);
+    let surface = grid(2, |i, j| [i as f64, j as f64, 0.0]);
     let raster = Raster::new(&surface, 2).unwrap();
     let pixels = Cells::of_raster(&raster);
     let count = |values: &[f64]| metrics::blobs(values, &pixels, Increase, 0.5).unwrap().len();
     // row by row: a row, a column, a diagonal
-    assert_eq!(count(&[1.0, 1.0, 0.0, 0.0]), 1);
-    assert_eq!(count(&[1.0, 0.0, 1.0, 0.0]), 1);
-    assert_eq!(count(&[1.0, 0.0, 0.0, 1.0]), 2);
-    assert_eq!(count(&[1.0; 4]), 1);
-    assert_eq!(count(&[0.0; 4]), 0);
+    let joined = [[1.0, 1.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]];
+    assert_eq!(joined.map(|values| count(&values)), [1, 1, 2]);
+    assert_eq!([1.0, 0.0].map(|value| count(&[value; 4])), [1, 0]);
     let elements = Cells::of_surface(&surface);
     let values = [3.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0];
     let found = metrics::blobs(&values, &elements, Increase, 0.5).unwrap();
@@ -341,8 +325,7 @@ fn touches_are_paired_with_blobs() {
     let cells = cells();
     let truth = [[0.05, 0.0], [-0.03, 0.04], [-0.03, -0.05]];
     let shift = [[0.004, 0.0], [0.0, -0.003], [-0.003, 0.004]];
-    let shown: Vec<[f64; 2]> =
-        truth.iter().zip(shift).map(|(t, s)| [t[0] + s[0], t[1] + s[1]]).collect();
+    let shown: [_; 3] = from_fn(|k| [truth[k][0] + shift[k][0], truth[k][1] + shift[k][1]]);
     let values = image(cells, |x, y| shown.iter().map(|c| bell(x, y, *c, 0.01)).sum());
     let errors = |truth: &[[f64; 2]], settings: &TouchSettings| {
         metrics::touch_position_errors_m(&values, cells, truth, settings).unwrap()
@@ -355,8 +338,7 @@ fn touches_are_paired_with_blobs() {
     {
         // pixels of 1.6 mm on a rim of 12 mm radius (measured: at most 0.08 mm)
         assert!((error.unwrap() - wanted).abs() < 2e-4, "{found:?}");
-        let [x, y] = centre.unwrap();
-        assert!((x - place[0]).hypot(y - place[1]) < 2e-4, "{found:?}");
+        assert!(distance(centre.unwrap(), *place) < 2e-4, "{found:?}");
     }
     // one touch fewer is an extra blob, one more is missed, and so is one too far away
     let count = |found: metrics::TouchErrors<2>| (found.missed, found.extra);
@@ -371,10 +353,8 @@ fn touches_are_paired_with_blobs() {
     assert_eq!(count(errors(&truth, &quiet)), (3, 0));
 
     let refused = |truth: &[[f64; 2]], settings: TouchSettings| {
-        refused!(
-            metrics::touch_position_errors_m(&values, cells, truth, &settings),
-            OutOfRange { .. }
-        );
+        let errors = metrics::touch_position_errors_m(&values, cells, truth, &settings);
+        refused!(errors, OutOfRange { .. });
     };
     for level in [0.0, -0.1, 1.1, f64::NAN] {
         refused(&[], TouchSettings { level, ..settings });
@@ -398,12 +378,9 @@ fn smoothness_of_known_tracks() {
     let wanted = 2.0 * radius * (1.0 - angle.cos());
     assert!((rms(&circle).unwrap() - wanted).abs() < 1e-15);
     // a gap removes the three frames that need it
-    let mut broken = vec![Some([0.0, 0.0]); 7];
-    broken[3] = None;
-    broken[6] = Some([3.0, 4.0]);
-    assert_eq!(rms(&broken), Some((25.0_f64 / 2.0).sqrt()));
-    assert_eq!(rms(&circle[..2]), None);
-    assert_eq!(rms(&[Some([0.0; 2]), None, Some([0.0; 2]), Some([0.0; 2])]), None);
+    let (at, end) = (Some([0.0; 2]), Some([3.0, 4.0]));
+    assert_eq!(rms(&[at, at, at, None, at, at, end]), Some((25.0_f64 / 2.0).sqrt()));
+    assert_eq!([rms(&circle[..2]), rms(&[at, None, at, at])], [None, None]);
 }
 
 /// The fraction `exp(-d^2 / sigma^2)` of a bell's energy lies farther away than `d`.
@@ -430,7 +407,6 @@ fn artefact_energy_of_a_bell() {
     refused!(metrics::artefact_energy(&values[1..], cells, &[], 1.0), WrongLength { .. });
 }
 
-/// The same touch has the same figures of merit on elements and on pixels.
 #[test]
 fn elements_and_pixels_agree() {
     let (surface, raster, pixels) = &*SKIN;
@@ -447,16 +423,16 @@ fn elements_and_pixels_agree() {
     assert!((shown.amplitude_response - 1.0).abs() < 0.01, "{shown:?}");
     assert!((own.amplitude_response - 1.0).abs() < 0.01, "{own:?}");
     assert!((shown.resolution - own.resolution).abs() < 0.005, "{shown:?} {own:?}");
-    let (a, b) = (shown.centre_m, own.centre_m);
-    assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 5e-4, "{shown:?} {own:?}");
+    let [x, y, _] = own.centre_m;
+    assert!(distance(shown.centre_m, [x, y]) < 5e-4, "{shown:?} {own:?}");
     let integral = elements.integral(&on_elements).unwrap();
     assert!((integral / amount - 1.0).abs() < 0.01, "{integral} {amount}");
     let (areas, positions) = (raster.covered_areas_m2(), pixels.positions_m());
     let shown = metrics::half_maximum_centre_m(&on_pixels, areas, positions, Increase).unwrap();
     let own = metrics::half_amplitude_centre_m(&on_elements, surface).unwrap();
-    for [x, y] in [shown.unwrap(), own.map(|[x, y, _]| [x, y]).unwrap()] {
+    for centre in [shown.unwrap(), own.map(|[x, y, _]| [x, y]).unwrap()] {
         // a staircase of elements and pixels on a rim of 14 mm radius
-        assert!((x - place[0]).hypot(y - place[1]) < 6e-4, "{x} {y}");
+        assert!(distance(centre, place) < 6e-4, "{centre:?}");
     }
 }
 
@@ -466,8 +442,8 @@ fn best_by_trial(touches: &[[f64; 3]], blobs: &[Blob<3>], taken: &mut Vec<bool>)
     let mut best = f64::INFINITY;
     for (k, blob) in blobs.iter().enumerate() {
         if !std::mem::replace(&mut taken[k], true) {
-            let [dx, dy] = [0, 1].map(|i| blob.centre_m[i] - touch[i]);
-            best = best.min(dx.hypot(dy) + best_by_trial(rest, blobs, taken));
+            let here = eit_core::vector::distance(blob.centre_m, *touch);
+            best = best.min(here + best_by_trial(rest, blobs, taken));
             taken[k] = false;
         }
     }
@@ -484,9 +460,8 @@ proptest! {
         let surface = disc(0.1, 8);
         let truth = target(&surface, [x, y], 0.03, 1.0);
         let image: Vec<f64> = truth.iter().map(|t| gain * t + offset).collect();
-        let found =
-            metrics::correlation_coefficient(&image, &truth, surface.areas_m2()).unwrap();
-        prop_assert!((found - 1.0).abs() < 1e-9);
+        let found = metrics::correlation_coefficient(&image, &truth, surface.areas_m2());
+        prop_assert!((found.unwrap() - 1.0).abs() < 1e-9);
         let centre = metrics::half_amplitude_centre_m(&truth, &surface).unwrap();
         let negative: Vec<f64> = truth.iter().map(|t| -gain * t).collect();
         prop_assert_eq!(centre, metrics::half_amplitude_centre_m(&negative, &surface).unwrap());
@@ -498,8 +473,8 @@ proptest! {
                              hole in prop::collection::vec(prop::bool::weighted(0.8), 13 * 12),
                              unit in 1e-12..1e12_f64) {
         let (x, t) = values.split_at(13 * 12);
-        let image = Array2::from_shape_vec((13, 12), x.to_vec()).unwrap();
-        let truth = Array2::from_shape_vec((13, 12), t.to_vec()).unwrap();
+        let [image, truth] =
+            [x, t].map(|values| Array2::from_shape_vec((13, 12), values.to_vec()).unwrap());
         let mask = Array2::from_shape_vec((13, 12), hole).unwrap();
         let score = |x: &Array2<f64>, t: &Array2<f64>| {
             metrics::structural_similarity(x.view(), t.view(), mask.view(), None).unwrap()
@@ -514,7 +489,6 @@ proptest! {
         prop_assert!((scaled - found).abs() < 1e-10);
     }
 
-    /// Figures of any image stay within their ranges.
     #[test]
     fn figures_stay_in_range(values in prop::collection::vec(
                                  prop_oneof![4 => -1.0..1.0_f64, 1 => Just(0.0),
@@ -554,9 +528,8 @@ proptest! {
                                   truth in prop::collection::vec(
                                       [-0.1..0.1_f64, -0.1..0.1_f64], 1..6)) {
         // every second square of every second row, so that no two squares share a side
-        let surface = common::grid(8, |i, j| {
-            [0.02 * i as f64 - 0.08, 0.02 * j as f64 - 0.08, 0.0]
-        });
+        let at = |k: usize| 0.02 * k as f64 - 0.08;
+        let surface = grid(8, |i, j| [at(i), at(j), 0.0]);
         let cells = Cells::of_surface(&surface);
         let mut values = vec![0.0; 128];
         for c in &chosen {

@@ -1,13 +1,6 @@
 //! Tests of the crate, in one program, which links faster than one for each file. Those of one file:
 //! `cargo test --release -p eit-inverse --test all FILE::`.
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests: a panic is a failed test"
-)]
+#![allow(missing_docs, clippy::unwrap_used, clippy::panic, clippy::print_stdout, reason = "tests")]
 
 /// Checks that a result is an error of this kind.
 macro_rules! refused {

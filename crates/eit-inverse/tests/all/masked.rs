@@ -1,17 +1,15 @@
 //! Masking measurements of one frame, compared with reconstructions built without them.
 
-use crate::common::{IDENTITY, adjacent, disc, jacobian, relative_difference};
+use crate::common::*;
 use eit_inverse::{
-    DifferenceData, FrameStatus, InverseError, Laplace, LaplaceSettings, OneStepGaussNewton,
-    OneStepSettings, Reconstructor,
+    DifferenceData, FrameStatus, InverseError, OneStepGaussNewton, OneStepSettings, Reconstructor,
 };
 use eit_mesh::Raster;
 use fixtures::Random;
 use ndarray::Array2;
 use proptest::prelude::*;
 
-/// A scene with 8 electrodes (40 measurements, 20 independent) in which everything differs from channel to
-/// channel: noise, normalised data, one unused channel.
+/// 8 electrodes, 40 measurements: noise and model voltages differ between channels, one is unused.
 struct Setup {
     jacobian: Array2<f64>,
     settings: OneStepSettings,
@@ -22,23 +20,20 @@ struct Setup {
 const UNUSED: usize = 17;
 
 fn scene(hyperparameter: f64) -> Setup {
-    let jacobian = jacobian(&disc(0.1, 8), 0.1, 8);
-    let count = jacobian.nrows();
     let mut random = Random::new(4071);
-    let mut draw = |low: f64| (0..count).map(|_| low + random.uniform()).collect::<Vec<f64>>();
-    let (noise_std, model_voltages_v, reference_frame) = (draw(0.5), draw(1.0), draw(1.0));
-    let frame = reference_frame.iter().zip(draw(-0.5)).map(|(v, x)| v * (1.0 + 0.1 * x)).collect();
+    let [noise_std, model_voltages_v, reference_frame, change] =
+        [0.5, 1.0, 1.0, -0.5].map(|low| uniforms(&mut random, 40, low));
+    let frame = reference_frame.iter().zip(change).map(|(v, x)| v * (1.0 + 0.1 * x)).collect();
     let settings = OneStepSettings {
         hyperparameter,
         data: DifferenceData::Normalised { model_voltages_v },
         noise_std: Some(noise_std),
-        used: Some((0..count).map(|i| i != UNUSED).collect()),
+        used: Some((0..40).map(|i| i != UNUSED).collect()),
     };
-    Setup { jacobian, settings, frame, reference_frame }
+    Setup { jacobian: jacobian(&disc(0.1, 8), 8), settings, frame, reference_frame }
 }
 
-/// Hyperparameter at which the prior has the same weight in `built` as in `full`, in absolute units
-/// `lambda^2 s / noise_scale^2`.
+/// Hyperparameter at which `lambda^2 s / noise_scale^2` of `built` is that of `full`.
 fn same_damping(full: &OneStepGaussNewton, built: &OneStepGaussNewton) -> f64 {
     let (full, built) = (full.report(), built.report());
     let root = |scale: f64, noise: Option<f64>| scale.sqrt() / noise.unwrap_or(1.0);
@@ -72,17 +67,17 @@ fn sets() -> Vec<Vec<usize>> {
 #[test]
 fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
     let surface = disc(0.1, 8);
-    let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+    let prior = laplace(&surface);
     let raster = Raster::new(&surface, 10).unwrap();
     for hyperparameter in [1e-3, 0.03, 1.0] {
         let Setup { jacobian, settings, frame, reference_frame } = scene(hyperparameter);
-        let full = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
+        let full = one_step(&jacobian, &prior, settings.clone());
         let on_raster = full.on_raster(raster.pixel_from_element()).unwrap();
         for masked in sets() {
             let case = format!("lambda {hyperparameter}, {} masked", masked.len());
             let used: Vec<bool> = (0..40).map(|i| i != UNUSED && !masked.contains(&i)).collect();
             let built = OneStepSettings { used: Some(used.clone()), ..settings.clone() };
-            let mut built = OneStepGaussNewton::new(&jacobian, &prior, built).unwrap();
+            let mut built = one_step(&jacobian, &prior, built);
             built.set_hyperparameter(same_damping(&full, &built)).unwrap();
             let mut restricted = full.restricted_to(&used).unwrap();
             assert_eq!(built.report().rank, restricted.report().rank, "{case}");
@@ -123,16 +118,13 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
 proptest! {
     #![proptest_config(fixtures::cases(64))]
 
-    /// For any size, rank, hyperparameter and set: the right image, or an error that states the expected
-    /// loss of accuracy. Never a wrong image.
+    /// The right image, or an error that states the expected loss of accuracy; never a wrong image.
     #[test]
     fn any_set_is_right_or_refused(seed in any::<u64>(), m in 2_usize..30, n in 1_usize..30,
                                    rank in 1_usize..30, power in -9.0..2.0_f64, part in 0.0..1.0) {
         let mut random = Random::new(seed);
         let jacobian = random.normals(m, rank).dot(&random.normals(rank, n));
-        let settings =
-            OneStepSettings { hyperparameter: 10_f64.powf(power), ..Default::default() };
-        let full = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings).unwrap();
+        let full = one_step(&jacobian, &IDENTITY, with_lambda(10_f64.powf(power)));
         let mut masked: Vec<usize> = (0..m).filter(|_| random.uniform() < part).collect();
         if masked.len() == m {
             masked.pop();
@@ -140,15 +132,13 @@ proptest! {
         let used: Vec<bool> = (0..m).map(|i| !masked.contains(&i)).collect();
         let mut built = full.restricted_to(&used).unwrap();
         built.set_hyperparameter(same_damping(&full, &built)).unwrap();
-        let frame: Vec<f64> = (0..m).map(|_| random.normal()).collect();
-        let reference_frame = vec![0.0; m];
-        let mut image = vec![f64::NAN; n];
-        let mut workspace = full.workspace();
-        let result = full.reconstructor().reconstruct_masked_into(
-            &frame, &reference_frame, &masked, &mut workspace, &mut image);
-        match result {
+        let reference = vec![0.0; m];
+        let frame = random.noisy(&reference, 1.0);
+        let (mut memory, mut image) = (full.workspace(), vec![f64::NAN; n]);
+        let map = full.reconstructor();
+        match map.reconstruct_masked_into(&frame, &reference, &masked, &mut memory, &mut image) {
             Ok(_) => {
-                let expected = built.reconstruct(&frame, &reference_frame).unwrap();
+                let expected = built.reconstruct(&frame, &reference).unwrap();
                 let error = relative_difference(&image, &expected);
                 // estimates up to 1e-6 are accepted and correct within a factor of ten (worst of 20 000
                 // cases: 9e-6; with 20 of 21 masked the error may be larger)
@@ -171,7 +161,7 @@ proptest! {
 #[test]
 fn a_workspace_serves_sets_of_every_size_in_any_order() {
     let Setup { jacobian, settings, frame, reference_frame } = scene(0.03);
-    let full = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings).unwrap();
+    let full = one_step(&jacobian, &IDENTITY, settings);
     let map = full.reconstructor();
     let (mut memory, mut image) = (map.workspace(), vec![0.0; map.image_len()]);
     for masked in sets().iter().chain(sets().iter().rev()) {
@@ -186,7 +176,7 @@ fn a_workspace_serves_sets_of_every_size_in_any_order() {
 #[test]
 fn wrong_sets_are_named() {
     let Setup { jacobian, settings, frame, reference_frame } = scene(0.03);
-    let full = OneStepGaussNewton::new(&jacobian, &IDENTITY, settings).unwrap();
+    let full = one_step(&jacobian, &IDENTITY, settings);
     let map = full.reconstructor();
     let mut workspace = map.workspace();
     let mut with = |frame: &[f64], masked: &[usize], length: usize| {

@@ -30,8 +30,7 @@ fn smallest_step_is_over_time_within_a_channel() {
     assert_eq!(smallest_step(Array2::<f64>::zeros((0, 3)).view()), 0.0);
 }
 
-/// Noise of a twentieth of a step: most channels never change, and in some, one step is the only event. No
-/// channel has less noise than the rounding.
+/// Noise of a twentieth of a step: most channels never change, and in some, one step is the only event.
 #[test]
 fn no_channel_has_less_noise_than_its_rounding() {
     let mut random = Random::new(1);
@@ -51,15 +50,13 @@ fn no_channel_has_less_noise_than_its_rounding() {
     }
 }
 
-/// Noise of five steps is measured as such; 10 bits hide all noise, and the frames are identical, but the step shows
-/// between channels.
+/// Noise of five steps; then 10 bits, which hide all noise, but the step shows between channels.
 #[test]
 fn noise_above_rounding_is_as_measured_and_equal_frames_have_their_rounding() {
     let quiet = rounded(frames(&mut Random::new(2), 5.0 * STEP_V), STEP_V);
     let std_v = noise_std_of_quiet_frames(quiet.view()).unwrap();
     let mean = std_v.iter().sum::<f64>() / CHANNELS as f64 / (5.0 * STEP_V);
-    // an estimate from 49 differences is off by 12 %, the mean over 208 channels by 1 %; rounding adds 1 /
-    // 12 / 25 to the variance
+    // 49 differences are off by 12 %, a mean over 208 channels by 1 %; rounding adds 1 / 300 to the variance
     assert!((mean - 1.0).abs() < 0.04, "{mean}");
     assert!(std_v.iter().all(|e| (0.4..1.7).contains(&(e / (5.0 * STEP_V)))));
 

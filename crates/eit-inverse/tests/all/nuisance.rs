@@ -1,7 +1,7 @@
 //! Nuisance parameters whitened away or solved with the image give the same image.
 
-use crate::common::{disc, solve};
-use eit_inverse::{NuisanceParameters, OneStepGaussNewton, OneStepSettings, Tikhonov};
+use crate::common::{disc, one_step, solve, with_lambda, with_noise};
+use eit_inverse::{NuisanceParameters, Tikhonov};
 use fixtures::Random;
 use ndarray::{Array2, Axis, aview1, concatenate};
 
@@ -21,26 +21,26 @@ fn problem() -> Problem {
         nuisance: random.normals(30, 5),
         std: (0..5).map(|_| 3.0 * random.uniform() + 0.1).collect(),
         noise: (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect(),
-        data: (0..30).map(|_| random.normal()).collect(),
+        data: random.noisy(&[0.0; 30], 1.0),
     }
 }
 
 /// `argmin |W (d - A x)|^2 + |P x|^2` by normal equations and Gaussian elimination.
 fn least_squares(a: &Array2<f64>, d: &[f64], weights: &[f64], precisions: &[f64]) -> Vec<f64> {
-    let w = Array2::from_diag(&aview1(weights).mapv(|w| w * w));
-    let normal = a.t().dot(&w).dot(a) + Array2::from_diag(&aview1(precisions).mapv(|p| p * p));
-    let right = a.t().dot(&w).dot(&aview1(d));
+    let weighted = &a.t() * &aview1(weights).pow2();
+    let normal = weighted.dot(a) + Array2::from_diag(&aview1(precisions).pow2());
+    let right = weighted.dot(&aview1(d));
     solve(normal, right.insert_axis(Axis(1))).column(0).to_vec()
 }
 
 #[test]
 fn taken_out_or_solved_jointly_is_the_same() {
     let p = problem();
-    let weights: Vec<f64> = p.noise.iter().map(|e| 1.0 / e).collect();
+    let [weights, precisions] =
+        [&p.noise, &p.std].map(|stds| stds.iter().map(|std| 1.0 / std).collect::<Vec<f64>>());
     let image_precision = [0.7; 12];
     let joint = concatenate![Axis(1), p.jacobian, p.nuisance];
-    let precisions: Vec<f64> =
-        image_precision.iter().copied().chain(p.std.iter().map(|s| 1.0 / s)).collect();
+    let precisions = [&image_precision[..], &precisions].concat();
     let wanted = least_squares(&joint, &p.data, &weights, &precisions);
 
     let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
@@ -63,14 +63,12 @@ fn whitened_data_are_white() {
     let p = problem();
     let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
     let scaled = &p.nuisance * &aview1(&p.std);
-    let covariance = Array2::from_diag(&aview1(&p.noise).mapv(|e| e * e)) + scaled.dot(&scaled.t());
+    let covariance = Array2::from_diag(&aview1(&p.noise).pow2()) + scaled.dot(&scaled.t());
     let once = nuisance.whiten_jacobian(&covariance).unwrap();
     let twice = nuisance.whiten_jacobian(&once.t().to_owned()).unwrap();
-    for ((i, k), value) in twice.indexed_iter() {
-        let wanted = if i == k { 1.0 } else { 0.0 };
-        // ratio of covariances to noise: 1e6 roundings
-        assert!((value - wanted).abs() < 1e-9, "{i} {k} {value}");
-    }
+    let error = (twice - Array2::<f64>::eye(30)).abs();
+    // ratio of covariances to noise: 1e6 roundings
+    assert!(error.iter().all(|error| *error < 1e-9), "{error}");
 }
 
 /// An unused measurement has no effect, whatever its value.
@@ -95,38 +93,34 @@ fn unused_measurements_are_not_looked_at() {
     refused!(new(&p.std, Some(&[false; 30])), NothingUsed { measurements: 30 });
 }
 
-/// With the prior scaled by the original data, unknowns that hardly vary leave the image unchanged when
-/// whitened away, and unknowns that vary leave less of it. At the same lambda without `set_prior_of`, the
-/// prior would differ.
+/// With the prior of the original data, unknowns that hardly vary leave the image unchanged when whitened away,
+/// and unknowns that vary leave less of it. Without `set_prior_of`, the prior would differ.
 #[test]
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
     let jacobian = Random::new(5).normals(30, surface.triangles().len());
     let Problem { nuisance, noise, data: frame, .. } = problem();
     let reference = [0.0; 30];
-    let base = OneStepSettings { hyperparameter: 0.4, ..Default::default() };
-    let settings = OneStepSettings { noise_std: Some(noise.clone()), ..base.clone() };
     let prior = Tikhonov::new(&surface);
-    let before = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
+    let before = one_step(&jacobian, &prior, with_noise(0.4, &noise));
     let image = before.reconstruct(&frame, &reference).unwrap();
     let left = |std: f64, takes_over: bool| {
         let nuisance = NuisanceParameters::new(&nuisance, &[std; 5], &noise, None).unwrap();
         let jacobian = nuisance.whiten_jacobian(&jacobian).unwrap();
         let mut white = frame.clone();
         nuisance.whiten(&mut white).unwrap();
-        let mut after = OneStepGaussNewton::new(&jacobian, &prior, base.clone()).unwrap();
+        let mut after = one_step(&jacobian, &prior, with_lambda(0.4));
         if takes_over {
             after.set_prior_of(&before).unwrap();
         }
         after.reconstruct(&white, &reference).unwrap()
     };
-    let off = |other: &ndarray::Array1<f64>| {
-        let square = |x: &ndarray::Array1<f64>| x.iter().map(|v| v * v).sum::<f64>();
-        (square(&(other - &image)) / square(&image)).sqrt()
+    let off = |std: f64, takes_over: bool| {
+        ((left(std, takes_over) - &image).pow2().sum() / image.pow2().sum()).sqrt()
     };
     // a deviation of 1e-9 of the noise leaves its square; the rest is rounding
-    assert!(off(&left(1e-9, true)) < 1e-10);
-    let [taken_over, same_lambda] = [true, false].map(|takes_over| off(&left(10.0, takes_over)));
+    assert!(off(1e-9, true) < 1e-10);
+    let [taken_over, same_lambda] = [true, false].map(|takes_over| off(10.0, takes_over));
     // 5 of 30 directions are removed, a sixth of the image's energy
     assert!((0.1..0.8).contains(&taken_over), "{taken_over}");
     assert!((taken_over - same_lambda).abs() > 1e-3, "{taken_over} {same_lambda}");

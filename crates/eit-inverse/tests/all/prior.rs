@@ -1,13 +1,13 @@
 //! Priors: their matrices, their limits under refinement, their independence of the mesh.
 
-use crate::common::{disc, equilateral, grid, jacobian, precision, relative_difference, target};
+use crate::common::*;
+use eit_core::vector::{distance, norm};
 use eit_inverse::{
-    Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, OneStepGaussNewton,
-    OneStepSettings, Prior, Tikhonov,
+    Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, OneStepSettings, Prior, Tikhonov,
 };
 use eit_mesh::{Raster, Surface};
 use fixtures::Random;
-use ndarray::{Array1, Array2, array};
+use ndarray::{Array1, Array2, array, aview1};
 
 fn laplace(surface: &Surface, length_m: f64) -> Laplace {
     Laplace::new(surface, &LaplaceSettings { correlation_length_m: Some(length_m) }).unwrap()
@@ -22,22 +22,12 @@ fn covariance(prior: &dyn Prior, elements: usize) -> Array2<f64> {
     prior.covariance_times(Array2::eye(elements).view()).unwrap()
 }
 
-/// Returns the smallest and largest eigenvalue of a symmetric matrix.
-fn eigenvalue_range(matrix: &Array2<f64>) -> [f64; 2] {
-    let n = matrix.nrows();
-    let values = faer::Mat::from_fn(n, n, |i, j| matrix[(i, j)])
-        .self_adjoint_eigenvalues(faer::Side::Lower)
-        .unwrap();
-    [values[0], values[n - 1]]
-}
-
 #[test]
 fn tikhonov_variance_is_inverse_to_area() {
     let surface = disc(0.1, 3);
-    let matrix = covariance(&Tikhonov::new(&surface), surface.areas_m2().len());
-    let mean = surface.areas_m2().iter().sum::<f64>() / surface.areas_m2().len() as f64;
-    let expected =
-        Array2::from_diag(&Array1::from_iter(surface.areas_m2().iter().map(|a| mean / a)));
+    let areas = aview1(surface.areas_m2());
+    let matrix = covariance(&Tikhonov::new(&surface), areas.len());
+    let expected = Array2::from_diag(&(areas.mean().unwrap() / &areas));
     assert!(relative_difference(&matrix, &expected) < 1e-15);
 }
 
@@ -53,7 +43,7 @@ fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
         let (one, other) = (&one / one[(0, 0)], &other / other[(0, 0)]);
         assert!(relative_difference(&other, &one) < 1e-12, "at {unit:e}");
     }
-    let inverse = OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
+    let inverse = one_step(&jacobian, &prior, OneStepSettings::default());
     let image = inverse.reconstruct(&[1.0, -1.0, 2.0, 0.5, 0.0, 3.0], &[0.0; 6]).unwrap();
     assert_eq!(image[4], 0.0);
     assert!(image.iter().all(|x| x.is_finite()));
@@ -66,19 +56,18 @@ fn noser_of_full_exponent_follows_an_element_s_unit() {
     let units = array![1.0, 10.0, 0.1, 3.0, 1.0, 7.0, 0.5, 2.0];
     let prior = Noser { exponent: 1.0 };
     let image = |j: &Array2<f64>| {
-        let inverse = OneStepGaussNewton::new(j, &prior, OneStepSettings::default()).unwrap();
+        let inverse = one_step(j, &prior, OneStepSettings::default());
         inverse.reconstruct(&[1.0, 2.0, -1.0, 0.0, 0.5], &[0.0; 5]).unwrap()
     };
-    assert!(
-        relative_difference(&(image(&(&jacobian * &units)) * &units), &image(&jacobian)) < 1e-10
-    );
+    let found = image(&(&jacobian * &units)) * &units;
+    assert!(relative_difference(&found, &image(&jacobian)) < 1e-10);
 }
 
 #[test]
 fn laplace_precision_is_symmetric_and_inverts_its_covariance() {
     let surface = disc(0.1, 4);
     let n = surface.areas_m2().len();
-    let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+    let prior = crate::common::laplace(&surface);
     let precision = precision(&prior, n);
     assert_eq!(precision, precision.t());
     let product = precision.dot(&covariance(&prior, n));
@@ -122,8 +111,7 @@ fn laplace_energy_converges_to_the_dirichlet_energy() {
     let nodes = flat.nodes().iter().map(roll).collect();
     let rolled = Surface::new(nodes, flat.triangles().to_vec()).unwrap();
     let ratio = energy(&rolled, |x| u(x[0].atan2(x[2] + 1.0), x[1])) / on_flat(48);
-    // chords of h = 1 / 48 instead of arcs: h^2 / 24 = 2e-5 relative (measured: 2.3e-5); twice that is
-    // allowed
+    // twice the effect of chords of h = 1 / 48 instead of arcs, h^2 / 24 = 2e-5 (measured: 2.3e-5)
     assert!((ratio - 1.0).abs() < 4e-5, "{ratio}");
 
     // on right-angled triangles it is off by the documented part
@@ -133,7 +121,7 @@ fn laplace_energy_converges_to_the_dirichlet_energy() {
         energy(&surface, |x| x[0] + x[1]) / 2.0,
         energy(&surface, |x| x[0] - x[1]) / 2.0,
     ];
-    let [low, high] = ratios.iter().fold([f64::MAX, 0.0_f64], |[l, h], &r| [l.min(r), h.max(r)]);
+    let [low, high] = [f64::min, f64::max].map(|of| ratios.into_iter().fold(1.0, of));
     // 18 % below and 34 % above; half an element of the rim (1 %) is missing from the sum
     let documented = (0.80..0.83).contains(&low) && (1.31..1.35).contains(&high);
     assert!(documented, "{ratios:?}");
@@ -146,20 +134,19 @@ fn gaussian_covariance_is_as_stated() {
     for length_m in [0.01, 0.02, 0.05] {
         let matrix = covariance(&gaussian(&surface, length_m), n);
         assert!(relative_difference(&matrix, matrix.t()) < 1e-14, "symmetric");
-        let [low, high] = eigenvalue_range(&matrix);
+        let dense = faer::Mat::from_fn(n, n, |i, j| matrix[(i, j)]);
+        let eigenvalues = dense.self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
+        let (low, high) = (eigenvalues[0], eigenvalues[n - 1]);
         assert!(low > -1e-13 * high, "smallest eigenvalue {low:e} of {high:e}");
         let centroids = surface.centroids();
+        assert!(matrix.diag().iter().all(|variance| (variance - 1.0).abs() < 1e-12));
         let mut worst = [0.0_f64; 2];
-        for a in 0..n {
-            assert!((matrix[(a, a)] - 1.0).abs() < 1e-12, "unit variance");
-            for b in 0..n {
-                let [p, q] = [a, b].map(|e| centroids[e]);
-                let distance: f64 = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum();
-                let expected = (-distance / (2.0 * length_m * length_m)).exp();
-                let is_inner = |p: &[f64; 3]| p[0].hypot(p[1]) < 0.1 - 1.5 * length_m;
-                let worst = &mut worst[usize::from(!(is_inner(&p) && is_inner(&q)))];
-                *worst = worst.max((matrix[(a, b)] - expected).abs());
-            }
+        for ((a, b), found) in matrix.indexed_iter() {
+            let pair = [a, b].map(|e| centroids[e]);
+            let expected = (-0.5 * (distance(pair[0], pair[1]) / length_m).powi(2)).exp();
+            let is_inner = |p: [f64; 3]| norm(p) < 0.1 - 1.5 * length_m;
+            let worst = &mut worst[usize::from(!pair.into_iter().all(is_inner))];
+            *worst = worst.max((found - expected).abs());
         }
         // In the interior, the lumping of elements into cells matters (elements of 0.008 m are larger than
         // a cell at l = 0.01); at the rim, half of the kernel is missing (measured: 0.016, 0.007, 0.002
@@ -189,28 +176,23 @@ fn gaussian_does_not_care_where_the_skin_lies() {
     let far = here.nodes().iter().map(|p| [p[0] - 512.0, p[1] + 64.0, p[2] + 8.0]).collect();
     let far = Surface::new(far, here.triangles().to_vec()).unwrap();
     let [a, b] = [here, far].map(|s| covariance(&gaussian(&s, 0.03), s.areas_m2().len()));
-    // at 512 m the spacing of doubles is 1e-13 m; a centroid that changes its cell through that shows as
-    // lumping
+    // at 512 m doubles are 1e-13 m apart; a centroid that changes its cell through that shows as lumping
     assert!(relative_difference(&a, &b) < 0.02);
 }
 
 #[test]
 fn images_do_not_depend_on_the_mesh() {
-    let (radius_m, electrodes, pixels) = (0.1, 16, 24);
-    let truth = disc(radius_m, 23);
+    let truth = disc(0.1, 23);
     let touch = Array1::from(target(&truth, [0.03, -0.04], 0.02, 1.0));
-    let frame = jacobian(&truth, radius_m, electrodes).dot(&touch).to_vec();
-    let reference = vec![0.0; frame.len()];
+    let frame = jacobian(&truth, 16).dot(&touch).to_vec();
     let image = |surface: &Surface, prior: &dyn Prior| {
-        let settings = OneStepSettings { hyperparameter: 0.05, ..Default::default() };
-        let jacobian = jacobian(surface, radius_m, electrodes);
-        let inverse = OneStepGaussNewton::new(&jacobian, prior, settings).unwrap();
-        let raster = Raster::new(surface, pixels).unwrap();
+        let inverse = one_step(&jacobian(surface, 16), prior, with_lambda(0.05));
+        let raster = Raster::new(surface, 24).unwrap();
         let map = inverse.on_raster(raster.pixel_from_element()).unwrap();
-        let values = map.reconstruct(&frame, &reference).unwrap().to_vec();
-        (raster.masked_pixels().to_vec(), values)
+        let values = map.reconstruct(&frame, &[0.0; 208]).unwrap();
+        (raster.masked_pixels().to_vec(), values.to_vec())
     };
-    let (coarse, fine) = (disc(radius_m, 12), disc(radius_m, 18));
+    let (coarse, fine) = (disc(0.1, 12), disc(0.1, 18));
     let priors = |s: &Surface| -> [Box<dyn Prior>; 4] {
         let (laplace, gaussian) = (Box::new(laplace(s, 0.2)), Box::new(gaussian(s, 0.02)));
         [Box::new(Tikhonov::new(s)), Box::new(Noser::default()), laplace, gaussian]
@@ -226,8 +208,7 @@ fn images_do_not_depend_on_the_mesh() {
             size += y * y;
         }
         let error = (difference / size).sqrt();
-        // the elements' own size: 0.008 m and 0.0056 m shift and smear a pixel of 0.008 m; measured 1.6 %
-        // (Laplace) to 2.2 % (NOSER)
+        // elements of 0.008 m and 0.0056 m smear a pixel of 0.008 m; measured 1.6 % (Laplace) to 2.2 % (NOSER)
         assert!(error < 0.025, "{}: {error}", prior_a.name());
     }
 }

@@ -1,5 +1,9 @@
 //! Results and settings as JSON and back.
 
+use eit_inverse::metrics::TouchSettings;
+use eit_inverse::sequence::{AbsoluteSettings, TimePriorSettings};
+use eit_inverse::touch::{DetectorSettings, TouchState, TrackerSettings};
+use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -9,37 +13,24 @@ fn same<T: Serialize + DeserializeOwned + PartialEq + std::fmt::Debug>(value: &T
     assert_eq!(again, *value);
 }
 
-use eit_inverse::metrics::TouchSettings;
-use eit_inverse::sequence::{AbsoluteSettings, TimePriorSettings};
-use eit_inverse::touch::{DetectorSettings, TouchState, TrackerSettings};
-use eit_inverse::{CausalSettings, Certificate, OneStepSettings, StTvSettings};
-
+/// JSON has no infinity: it holds `null`, which bounds and certificates read as what they are without one.
 #[test]
-fn settings_survive() {
+fn settings_and_certificates_survive() {
     same(&OneStepSettings { used: Some(vec![true, false]), ..OneStepSettings::default() });
     same(&AbsoluteSettings::default());
     same(&TimePriorSettings::default());
     same(&CausalSettings::default());
     same(&DetectorSettings::with_least(2e-11));
     same(&TrackerSettings::with_strong(6e-11));
+    same(&TouchSettings::default());
+    same(&TouchState::Hold);
     assert!(serde_json::from_str::<StTvSettings>(r#"{"lambda":1}"#).is_err());
-}
-
-/// JSON has no infinity: it holds `null`, which the bounds read as what they are without one.
-#[test]
-fn settings_without_bounds_survive() {
     let text = serde_json::to_string(&StTvSettings::default()).unwrap();
     assert!(text.contains(r#""lower_s":null,"upper_s":null"#), "{text}");
     same(&StTvSettings::default());
     same(&StTvSettings { lower_s: 0.0, ..StTvSettings::default() });
-    same(&TouchSettings::default());
-}
-
-#[test]
-fn certificates_survive() {
     let text = r#"{"primal":null,"lower_bound":0.0}"#;
     let none: Certificate = serde_json::from_str(text).unwrap();
     assert!(none.relative_gap().is_infinite());
     same(&none);
-    same(&TouchState::Hold);
 }

@@ -1,14 +1,14 @@
-//! Causal stream: closed forms, comparison with the batch solver on the same frame, every certificate
-//! recomputed from the raw Jacobian, events, no allocation.
+//! Causal stream: closed forms, the batch solver, certificates recomputed from the raw Jacobian, events.
 
 use crate::common::disc;
-use crate::problem::{gap, reference};
+use crate::problem::{Problem, gap, reference, square};
 use eit_inverse::{
-    CausalDual, CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, InverseError,
-    SequenceStatus, StTv, StTvSettings,
+    CausalDual, CausalSettings, CausalStream, Fidelity, Gradient, SequenceStatus, StTv,
+    StTvSettings,
 };
 use fixtures::Random;
-use ndarray::{Array1, Array2, Axis};
+use ndarray::{Array1, Array2, Axis, array, aview1};
+use std::f64::consts::{PI, TAU};
 use std::hint::black_box;
 use std::time::Duration;
 
@@ -26,8 +26,7 @@ struct Setup {
     noise: f64,
 }
 
-/// Fields of dipoles near the rim of the unit disc: large near the rim and small in the middle, as in a
-/// real skin.
+/// Fields of dipoles near the rim of the unit disc: small in the middle, as in a real skin.
 fn scene_on(
     places: Vec<[f64; 2]>,
     gradient: Gradient,
@@ -37,11 +36,9 @@ fn scene_on(
     let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, places.len()));
     for mut row in jacobian.rows_mut() {
-        let angle = std::f64::consts::TAU * random.uniform();
-        let turn = std::f64::consts::TAU * random.uniform();
-        let source = [1.2 * angle.cos(), 1.2 * angle.sin()];
+        let [angle, turn] = [0; 2].map(|_| TAU * random.uniform());
         for (p, (value, place)) in row.iter_mut().zip(&places).enumerate() {
-            let (dx, dy) = (place[0] - source[0], place[1] - source[1]);
+            let (dx, dy) = (place[0] - 1.2 * angle.cos(), place[1] - 1.2 * angle.sin());
             let dipole = turn.cos() * dx + turn.sin() * dy;
             *value = weight(p) * dipole / (softness + dx * dx + dy * dy);
         }
@@ -51,26 +48,30 @@ fn scene_on(
 
 fn on_pixels(
     mask: &Array2<bool>,
-    place: impl Fn(usize, usize) -> [f64; 2],
+    place: impl Fn((usize, usize)) -> [f64; 2],
     [softness, weight]: [f64; 2],
 ) -> Setup {
     let inside = mask.indexed_iter().filter(|(_, inside)| **inside);
-    let places = inside.map(|((i, j), _)| place(i, j)).collect();
+    let places = inside.map(|(at, _)| place(at)).collect();
     scene_on(places, Gradient::pixels(mask, 1.0).unwrap(), softness, |_| weight)
 }
 
-fn pixels(side: usize) -> Setup {
+/// A square grid whose pixels within the radius are inside.
+fn round(side: usize, radius: f64, softness_and_weight: [f64; 2]) -> Setup {
     let centre = 0.5 * (side as f64 - 1.0);
-    let place = |i: usize, j: usize| [(j as f64 - centre) / centre, (i as f64 - centre) / centre];
-    let is_inside = |(i, j)| place(i, j)[0].hypot(place(i, j)[1]) <= 1.02;
-    let mask = Array2::from_shape_fn((side, side), is_inside);
-    on_pixels(&mask, place, [0.02, 30.0 / (side * side) as f64])
+    let place = |(i, j)| [j, i].map(|k: usize| (k as f64 - centre) / centre);
+    let is_inside = |at| place(at)[0].hypot(place(at)[1]) <= radius;
+    on_pixels(&Array2::from_shape_fn((side, side), is_inside), place, softness_and_weight)
+}
+
+fn pixels(side: usize) -> Setup {
+    round(side, 1.02, [0.02, 30.0 / (side * side) as f64])
 }
 
 /// Two separate rectangles: a skin in two parts.
 fn two_parts() -> Setup {
     let mask = Array2::from_shape_fn((9, 21), |(_, j)| j != 10);
-    on_pixels(&mask, |i, j| [j as f64 / 10.0 - 1.0, i as f64 / 10.0 - 0.4], [0.02, 0.1])
+    on_pixels(&mask, |(i, j)| [j as f64 / 10.0 - 1.0, i as f64 / 10.0 - 0.4], [0.02, 0.1])
 }
 
 fn mesh(nodal: bool) -> Setup {
@@ -118,8 +119,7 @@ impl Setup {
     fn settings(&self) -> StTvSettings {
         let areas = self.gradient.areas_m2();
         let area: f64 = areas.iter().sum();
-        let (length, pixel_m) =
-            ((area / std::f64::consts::PI).sqrt(), (area / areas.len() as f64).sqrt());
+        let [length, pixel_m] = [PI, areas.len() as f64].map(|n| (area / n).sqrt());
         StTvSettings {
             lambda_space: 6.0 / length,
             lambda_time: 6.0 / length / pixel_m,
@@ -128,20 +128,25 @@ impl Setup {
         }
     }
 
+    /// A frame whose values and good channels are set later.
+    fn problem(&self, settings: &StTvSettings) -> Problem {
+        let (jacobian, gradient) = (self.jacobian.clone(), self.gradient.clone());
+        let values = Array2::zeros((1, MEASUREMENTS));
+        Problem { jacobian, gradient, settings: settings.clone(), values, good: None }
+    }
+
     fn stream(&self, settings: StTvSettings, target_gap: f64) -> CausalStream {
         self.stream_with(settings, CausalSettings { target_gap, ..Default::default() })
     }
 
     fn stream_with(&self, settings: StTvSettings, how: CausalSettings) -> CausalStream {
-        let solver = StTv::new(&self.jacobian, &self.gradient, settings).unwrap();
-        CausalStream::new(solver, how).unwrap()
+        CausalStream::new(self.problem(&settings).solver().unwrap(), how).unwrap()
     }
 }
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
-    let [a, b] = [a, b].map(|values| Array1::from(values.to_vec()));
-    let error = &a - &b;
-    (error.dot(&error) / b.dot(&b)).sqrt()
+    let [a, b] = [a, b].map(aview1);
+    ((&a - &b).pow2().sum() / b.pow2().sum()).sqrt()
 }
 
 /// Every basis, with and without a bound, in both forms.
@@ -155,8 +160,7 @@ fn for_every_form(check: impl Fn(&Setup, StTvSettings)) {
     }
 }
 
-/// Objective and lower bound of a frame, computed from the raw Jacobian, the previous image and the dual
-/// point.
+/// Objective and lower bound of a frame by the raw Jacobian, the previous image and the dual point.
 struct Audit {
     primal: f64,
     lower_bound: f64,
@@ -166,50 +170,29 @@ struct Audit {
     violation: f64,
 }
 
-fn audit(
-    scene: &Setup,
-    settings: &StTvSettings,
-    good: &[bool],
-    dv: &[f64],
-    before: &[f64],
-    image: &[f64],
-    dual: &CausalDual,
-) -> Audit {
-    let gradient = &scene.gradient;
-    let noise = settings.noise_std.as_ref().map_or(1.0, |std| std[0]);
-    let weight: Vec<f64> = good.iter().map(|g| if *g { 1.0 / noise } else { 0.0 }).collect();
-    let model = |x: &[f64]| scene.jacobian.dot(&Array1::from(x.to_vec()));
-    let misfit = |x: &[f64]| -> Vec<f64> {
-        let terms = model(x).to_vec().into_iter().zip(dv).zip(&weight);
-        // masked values may be NaN
-        terms.map(|((m, v), w)| if *w > 0.0 { w * (m - v) } else { 0.0 }).collect()
-    };
-    let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
-    let (own, anchored) = (misfit(image), misfit(before));
-    let areas = gradient.areas_m2();
-    let lambda_time = SHARE * settings.lambda_time;
-    let change: f64 =
-        (0..image.len()).map(|p| areas[p] * (image[p] - before[p]).abs()).sum::<f64>();
-    let variation =
-        settings.lambda_space * gradient.total_variation(image).unwrap() + lambda_time * change;
+fn audit(frame: &Problem, before: &[f64], image: &[f64], dual: &CausalDual) -> Audit {
+    let Problem { jacobian, gradient, settings, .. } = frame;
+    let (areas, lambda_time) = (gradient.areas_m2(), SHARE * settings.lambda_time);
+    let changes = image.iter().zip(before).map(|(x, before)| (x - before).abs());
+    let change: f64 = changes.zip(areas).map(|(change, area)| area * change).sum();
+    let images = aview1(image).insert_axis(Axis(0)).to_owned();
+    let primal = frame.objective(&images) + lambda_time * change;
 
-    let weighted: Array1<f64> = dual.data.iter().zip(&weight).map(|(y, w)| y * w).collect();
-    let mut force = scene.jacobian.t().dot(&weighted).to_vec();
+    let dual_data = aview1(&dual.data);
+    let weights = frame.root_weights(0);
+    let mut force = jacobian.t().dot(&(&dual_data * &weights));
     // -y.(b - A x^)
-    let mut linear: f64 = dual.data.iter().zip(&anchored).map(|(y, r)| y * r).sum();
+    let mut linear = dual_data.dot(&(jacobian.dot(&aview1(before)) * &weights - frame.whitened(0)));
     let mut kappa = 0.0_f64;
-    let components = gradient.components();
-    for group in 0..gradient.groups() {
-        let mut norm = 0.0;
-        for row in group * components..(group + 1) * components {
-            let (columns, values) = gradient.row(row);
-            norm += dual.flow[row].powi(2);
+    for (group, flow) in dual.flow.chunks(gradient.components()).enumerate() {
+        kappa = kappa.max(aview1(flow).pow2().sum().sqrt() / settings.lambda_space);
+        for (k, flow) in flow.iter().enumerate() {
+            let (columns, values) = gradient.row(group * gradient.components() + k);
             for (&p, v) in columns.iter().zip(values) {
-                force[p as usize] += v * dual.flow[row];
-                linear += v * dual.flow[row] * before[p as usize];
+                force[p as usize] += v * flow;
+                linear += v * flow * before[p as usize];
             }
         }
-        kappa = kappa.max(norm.sqrt() / settings.lambda_space);
     }
     let mut support = 0.0;
     for (p, force) in force.iter().enumerate() {
@@ -225,17 +208,12 @@ fn audit(
             kappa = kappa.max(force.abs() / radius);
         }
     }
-    let (mut primal, mut radius, mut square_dual) = (variation, 0.0, 0.5 * square(&dual.data));
-    match settings.fidelity {
-        Fidelity::Constrained { delta } => {
-            let count = good.iter().filter(|g| **g).count() as f64;
-            radius = delta * (count / MEASUREMENTS as f64).sqrt();
-            square_dual = radius * square(&dual.data).sqrt();
-        }
-        _ => primal += 0.5 * square(&own),
-    }
-    let violation = if radius > 0.0 { square(&own).sqrt() / radius } else { 0.0 };
-    Audit { primal, lower_bound: linear - square_dual - support, kappa, violation }
+    let square = dual_data.pow2().sum();
+    let (of_dual, violation) = match frame.radius(0) {
+        Some(radius) => (radius * square.sqrt(), frame.residuals(&images)[0] / radius),
+        None => (0.5 * square, 0.0),
+    };
+    Audit { primal, lower_bound: linear - of_dual - support, kappa, violation }
 }
 
 /// Streams frames and checks the certificate of each.
@@ -248,9 +226,11 @@ fn stream_and_audit(
 ) {
     let mut stream = scene.stream(settings.clone(), target_gap);
     let mut random = Random::new(11);
+    let mut frame = scene.problem(settings);
     for f in frames {
         let (mut dv, good) = (scene.frame(f, &mut random), good(f));
-        dv.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
+        spoil(&mut dv, &good);
+        frame.set(&dv, &good);
         let step = stream.push(&dv, Some(&good)).unwrap();
         if step.quiet || step.status == SequenceStatus::Stalled {
             assert!(step.image.iter().all(|x| *x == 0.0), "frame {f}");
@@ -269,24 +249,24 @@ fn stream_and_audit(
         assert!(is_converged || is_hard, "frame {f} of {settings:?}: {own:?}");
         let [lower, upper] = [settings.lower_s, settings.upper_s];
         assert!(image.iter().all(|x| (lower..=upper).contains(x)), "frame {f}");
-        let found =
-            audit(scene, settings, &good, &dv, stream.image_before(), &image, &stream.dual());
-        // rounding in f64 of sums over a few hundred terms; the objective of a touch is above 1, and after
-        // its release differences of values of that size remain
+        let found = audit(&frame, stream.image_before(), &image, &stream.dual());
+        // sums of a few hundred terms; after a touch, of above 1, differences of that size remain
         let rounding = 1e-9 * found.primal.abs() + 1e-12;
         // the reported objective includes the rounding error of f32, so the true one may only be lower
         assert!(found.primal <= own.primal + rounding, "frame {f}: {} {own:?}", found.primal);
         assert!(found.kappa <= 1.0 + 1e-9, "frame {f}: {}", found.kappa);
         assert!(found.violation <= 1.0 + 1e-8, "frame {f}: {}", found.violation);
-        assert!(
-            found.lower_bound >= own.lower_bound - rounding,
-            "frame {f}: {} {own:?}",
-            found.lower_bound
-        );
-        let gap = found.primal - found.lower_bound;
+        let bound = found.lower_bound;
+        assert!(bound >= own.lower_bound - rounding, "frame {f}: {bound} {own:?}");
+        let gap = found.primal - bound;
         let claimed = if is_converged { target_gap } else { own.relative_gap() };
         assert!(gap <= claimed * found.primal * (1.0 + 1e-6) + rounding, "frame {f}: {gap}");
     }
+}
+
+/// Masked values are never read.
+fn spoil(dv: &mut [f64], good: &[bool]) {
+    dv.iter_mut().zip(good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
 }
 
 fn all(_: usize) -> Vec<bool> {
@@ -341,7 +321,8 @@ fn frames_that_are_not_linked_have_the_optimum_of_a_sequence_of_one() {
         // constrained frames with bounds do not always converge within the cap, linked or not
         let is_hard = settings.lower_s == 0.0 && settings.fidelity != Fidelity::Penalised;
         let settings = StTvSettings { lambda_time: 0.0, ..settings };
-        let solver = StTv::new(&scene.jacobian, &scene.gradient, settings.clone()).unwrap();
+        let mut frame = scene.problem(&settings);
+        let solver = frame.solver().unwrap();
         let mut stream = scene.stream(settings, GAP);
         let mut random = Random::new(5);
         for f in (8..14).chain(34..40) {
@@ -350,10 +331,9 @@ fn frames_that_are_not_linked_have_the_optimum_of_a_sequence_of_one() {
             let (own, is_quiet) = (step.certificate, step.quiet);
             let is_solved = is_quiet || step.status == SequenceStatus::Converged;
             assert!(is_solved || is_hard, "frame {f}: {own:?}");
-            let values = Array1::from(dv).insert_axis(Axis(0));
-            let good = Array1::from(good).insert_axis(Axis(0));
-            let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
-            let whole = solver.solve(&frames, &gap(1e-3)).unwrap().report.certificate.unwrap();
+            frame.set(&dv, &good);
+            let whole = solver.solve(&frame.differences(), &gap(1e-3)).unwrap();
+            let whole = whole.report.certificate.unwrap();
             if !is_quiet {
                 // both intervals contain the optimum, up to the rounding of f64
                 assert!(own.lower_bound <= whole.primal * (1.0 + 1e-9), "frame {f}");
@@ -365,15 +345,14 @@ fn frames_that_are_not_linked_have_the_optimum_of_a_sequence_of_one() {
 
 #[test]
 fn one_pixel_is_a_shifted_and_clipped_least_squares() {
-    let gradient = Gradient::pixels(&Array2::from_elem((1, 1), true), 1.0).unwrap();
-    let jacobian = Array2::from_shape_vec((3, 1), vec![2.0, -1.0, 0.5]).unwrap();
+    let jacobian = array![[2.0], [-1.0], [0.5]];
     let power = 5.25;
     let settings = StTvSettings { lambda_space: 1.0, lambda_time: 0.8, ..Default::default() };
     let bounded = StTvSettings { lower_s: -0.1, upper_s: 1.5, ..settings.clone() };
     // an objective within the gap, with curvature `power`: error sqrt(2 gap P / power), with P of order 1
     for (settings, target_gap, error) in [(settings, 1e-6, 1e-3), (bounded, 1e-2, 0.07)] {
         let [lower, upper] = [settings.lower_s, settings.upper_s];
-        let solver = StTv::new(&jacobian, &gradient, settings).unwrap();
+        let solver = StTv::new(&jacobian, &square(1, 1), settings).unwrap();
         let how = CausalSettings { target_gap, ..Default::default() };
         let mut stream = CausalStream::new(solver, how).unwrap();
         let mut before = 0.0_f64;
@@ -397,13 +376,13 @@ fn events_are_bounded() {
     let Some((known, problem)) = reference(32) else { return };
     let noise = known.noise_norm / (known.values.len() as f64).sqrt();
     let place = |i: usize| (i as f64 + 0.5) / 16.0 - 1.0;
-    let skin = on_pixels(&known.mask, |i, j| [place(j), place(i)], [0.02, 1.0]);
+    let skin = on_pixels(&known.mask, |(i, j)| [place(j), place(i)], [0.02, 1.0]);
     let scene = Setup { jacobian: problem.jacobian, noise, ..skin };
     let mut stream = scene.stream_with(problem.settings, CausalSettings::default());
     let mut random = Random::new(2);
     let mut iterations = Vec::new();
     for f in 0..400 {
-        let angle = f as f64 / 397.0 * std::f64::consts::TAU;
+        let angle = f as f64 / 397.0 * TAU;
         // of each 100 frames, one finger is pressed at 60 and released at 20, the other at 80 and 40
         let fingers = [(20..60, 0.55, 0.15, 0.5, 0.0), (40..80, 0.45, 0.12, 0.4, 2.0)];
         let value = |p: &[f64; 2]| -> f64 {
@@ -458,13 +437,10 @@ fn allocates_nothing_after_set_up() {
 #[test]
 fn a_deadline_is_kept() {
     let scene = pixels(40);
-    let deadline = Duration::from_millis(40);
-    let how = CausalSettings {
-        target_gap: 1e-13,
-        max_iterations: usize::MAX,
-        deadline: Some(deadline),
-        ..Default::default()
-    };
+    let deadline_s = 0.04;
+    let deadline = Some(Duration::from_secs_f64(deadline_s));
+    let mut how = CausalSettings { target_gap: 1e-13, deadline, ..Default::default() };
+    how.max_iterations = usize::MAX;
     let mut stream = scene.stream_with(scene.settings(), how);
     let mut random = Random::new(3);
     let mut least = f64::INFINITY;
@@ -474,28 +450,25 @@ fn a_deadline_is_kept() {
         assert!(step.certificate.relative_gap().is_finite(), "frame {f}");
         least = least.min(step.seconds);
     }
-    // without the check of the deadline the call would never return; a test on a shared processor cannot
-    // measure how precisely the deadline is kept
-    assert!(least <= 3.0 * deadline.as_secs_f64(), "{least}");
+    // without the deadline it would never return; a shared processor cannot show how precisely it is kept
+    assert!(least <= 3.0 * deadline_s, "{least}");
 }
 
 #[test]
 fn the_image_does_not_depend_on_units() {
     let images = |volt: f64, siemens: f64| -> Vec<Vec<f64>> {
         let mut scene = pixels(11);
-        let settings = StTvSettings {
-            lambda_space: scene.settings().lambda_space / siemens,
-            lambda_time: scene.settings().lambda_time / siemens,
-            noise_std: Some(vec![NOISE * volt; MEASUREMENTS]),
-            ..Default::default()
-        };
+        let mut settings = scene.settings();
+        settings.lambda_space /= siemens;
+        settings.lambda_time /= siemens;
+        settings.noise_std = Some(vec![NOISE * volt; MEASUREMENTS]);
         let mut random = Random::new(9);
         let frames: Vec<Vec<f64>> = (20..30).map(|f| scene.frame(f, &mut random)).collect();
         scene.jacobian *= volt / siemens;
         let mut stream = scene.stream(settings, GAP);
         let image = |dv: Vec<f64>| {
-            let dv: Vec<f64> = dv.iter().map(|v| v * volt).collect();
-            stream.push(&dv, None).unwrap().image.iter().map(|x| x / siemens).collect()
+            let step = stream.push(&(volt * Array1::from(dv)).to_vec(), None).unwrap();
+            step.image.iter().map(|x| x / siemens).collect()
         };
         frames.into_iter().map(image).collect()
     };
@@ -542,7 +515,7 @@ fn rest_dropped_frames_and_references() {
     // release: after at most eight quiet frames the image is zero
     let mut zero = false;
     for _ in 0..9 {
-        let quiet: Vec<f64> = (0..MEASUREMENTS).map(|_| 0.5 * NOISE * random.normal()).collect();
+        let quiet = random.noisy(&[0.0; MEASUREMENTS], 0.5 * NOISE);
         zero = stream.push(&quiet, None).unwrap().image.iter().all(|x| *x == 0.0);
     }
     assert!(zero);
@@ -553,7 +526,7 @@ fn rest_dropped_frames_and_references() {
 #[test]
 fn quiet_frames_cost_nothing() {
     let scene = pixels(14);
-    let (zero, mut random) = (vec![0.0; MEASUREMENTS], Random::new(3));
+    let (zero, mut random) = ([0.0; MEASUREMENTS], Random::new(3));
     let frames: Vec<Vec<f64>> = (20..32).map(|f| scene.frame(f, &mut random)).collect();
     for noise_std in [None, Some(vec![NOISE; MEASUREMENTS])] {
         let is_noise_known = noise_std.is_some();
@@ -567,7 +540,7 @@ fn quiet_frames_cost_nothing() {
             assert!(!step.quiet && step.iterations > 0);
         }
         for f in 0..10 {
-            let noise: Vec<f64> = (0..MEASUREMENTS).map(|_| NOISE * random.normal()).collect();
+            let noise = random.noisy(&zero, NOISE);
             let step = match f {
                 5 => stream.push_dropped(),
                 6.. if is_noise_known => stream.push(&noise, None).unwrap(),
@@ -597,10 +570,7 @@ fn quiet_frames_cost_nothing() {
 /// A sixth of the channels is lost and delivers invalid values.
 #[test]
 fn a_lost_electrode_leaves_most_of_the_image() {
-    let place = |i: usize, j: usize| [i as f64 / 6.5 - 1.0, j as f64 / 6.5 - 1.0];
-    let is_inside = |(i, j)| place(i, j)[0].hypot(place(i, j)[1]) <= 6.8 / 6.5;
-    let mask = Array2::from_shape_fn((14, 14), is_inside);
-    let scene = on_pixels(&mask, place, [1.0 / 42.25, 1.0 / 6.5]);
+    let scene = round(14, 6.8 / 6.5, [1.0 / 42.25, 1.0 / 6.5]);
     let settings = StTvSettings { lambda_space: 1.0, lambda_time: 0.0, ..scene.settings() };
     let [mut whole, mut part] = [0; 2].map(|_| scene.stream(settings.clone(), GAP));
     let mut random = Random::new(7);
@@ -612,7 +582,7 @@ fn a_lost_electrode_leaves_most_of_the_image() {
         let mut dv = scene.data(value, &mut random);
         let wanted = whole.push(&dv, None).unwrap().image.to_vec();
         let good: Vec<bool> = (0..MEASUREMENTS).map(|i| f < 12 || i % 6 != 0).collect();
-        dv.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
+        spoil(&mut dv, &good);
         let off = distance(part.push(&dv, Some(&good)).unwrap().image, &wanted);
         assert!(off <= if f < 12 { 0.0 } else { 0.5 }, "frame {f}: {off}");
     }
@@ -620,22 +590,23 @@ fn a_lost_electrode_leaves_most_of_the_image() {
 
 #[test]
 fn refuses_what_cannot_be_and_leaves_the_stream() {
-    let scene = pixels(11);
-    let plain = || StTv::new(&scene.jacobian, &scene.gradient, scene.settings()).unwrap();
+    let mut twins = pixels(11);
+    let settings = twins.settings();
+    let good = CausalSettings::default();
     for how in [
-        CausalSettings { target_gap: 0.0, ..Default::default() },
-        CausalSettings { target_gap: f64::NAN, ..Default::default() },
-        CausalSettings { max_iterations: 0, ..Default::default() },
-        CausalSettings { time_share: 0.0, ..Default::default() },
+        CausalSettings { target_gap: 0.0, ..good },
+        CausalSettings { target_gap: f64::NAN, ..good },
+        CausalSettings { max_iterations: 0, ..good },
+        CausalSettings { time_share: 0.0, ..good },
     ] {
-        refused!(CausalStream::new(plain(), how).map(drop), OutOfRange { .. });
+        let solver = twins.problem(&settings).solver().unwrap();
+        refused!(CausalStream::new(solver, how).map(drop), OutOfRange { .. });
     }
 
     // two equal measurements
-    let mut twins = pixels(11);
     let twin = twins.jacobian.row(MEASUREMENTS - 2).to_owned();
     twins.jacobian.row_mut(MEASUREMENTS - 1).assign(&twin);
-    let settings = StTvSettings { fidelity: constrained(), ..scene.settings() };
+    let settings = StTvSettings { fidelity: constrained(), ..settings };
     let [mut clean, mut tried] = [0; 2].map(|_| twins.stream(settings.clone(), GAP));
     let mask: Vec<bool> = (0..MEASUREMENTS).map(|i| i != 7).collect();
     let mut random = Random::new(7);
@@ -645,9 +616,8 @@ fn refuses_what_cannot_be_and_leaves_the_stream() {
         let mut bad = dv.clone();
         bad[7] = f64::NAN;
         if f == 7 {
-            let refused = tried.push(&bad, None).unwrap_err();
-            let wanted = InverseError::NonFiniteData { frame: 7, measurement: 7, value: f64::NAN };
-            assert_eq!(refused.to_string(), wanted.to_string());
+            refused!(tried.push(&bad, None), NonFiniteData { frame: 7, measurement: 7, value }
+                if value.is_nan());
             refused!(tried.push(&bad[1..], None), WrongLength { .. });
             assert!(tried.push(&dv, Some(&[true])).is_err());
             assert!(tried.change_reference(&bad).is_err());

@@ -1,7 +1,7 @@
 //! Spatio-temporal total variation in extreme cases: the right answer or a clear error.
 
 use crate::common;
-use crate::problem::{Problem, gap};
+use crate::problem::{Problem, gap, square};
 use eit_inverse::{
     DifferenceFrames, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
     StTvSettings, Stop,
@@ -9,10 +9,6 @@ use eit_inverse::{
 use fixtures::Random;
 use ndarray::{Array2, Axis, array, concatenate};
 use std::f64::consts::SQRT_2;
-
-fn square(rows: usize, columns: usize) -> Gradient {
-    Gradient::pixels(&Array2::from_elem((rows, columns), true), 1.0).unwrap()
-}
 
 fn bounds_of(sequence: &ImageSequence) -> [f64; 2] {
     let certificate = sequence.report.certificate.unwrap();
@@ -24,18 +20,16 @@ fn bounds_of(sequence: &ImageSequence) -> [f64; 2] {
 /// `2 sqrt(2 g)` (strong convexity).
 fn scene(frames: usize) -> Problem {
     let mut random = Random::new(11);
-    let (rows, columns) = (4, 5);
-    let n = rows * columns;
-    let jacobian =
-        concatenate(Axis(0), &[Array2::eye(n).view(), random.normals(6, n).view()]).unwrap();
-    let truth = Array2::from_shape_fn((frames, n), |(t, p)| {
-        let (i, j) = (p / columns, p % columns);
+    let jacobian = concatenate![Axis(0), Array2::eye(20), random.normals(6, 20)];
+    let truth = Array2::from_shape_fn((frames, 20), |(t, p)| {
+        let (i, j) = (p / 5, p % 5);
         if i < 2 && j >= t % 3 && j < t % 3 + 2 { 1.0 } else { 0.0 }
     });
-    let mut values = truth.dot(&jacobian.t());
-    values.mapv_inplace(|v| v + 0.1 * random.normal());
-    Problem::new(jacobian, square(rows, columns), values).with_weights(0.2, 0.1)
+    let values = truth.dot(&jacobian.t()) + 0.1 * random.normals(frames, 26);
+    Problem::new(jacobian, square(4, 5), values).with_weights(0.2, 0.1)
 }
+
+const UNBOUNDED: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// Upper bound on the distance of two sequences of [`scene`] within a relative gap of their optimum.
 fn strong_convexity(primal: f64, relative_gap: f64) -> f64 {
@@ -43,11 +37,10 @@ fn strong_convexity(primal: f64, relative_gap: f64) -> f64 {
 }
 
 fn distance(a: &Array2<f64>, b: &Array2<f64>) -> f64 {
-    (a - b).mapv(|d| d * d).sum().sqrt()
+    (a - b).pow2().sum().sqrt()
 }
 
-/// Checks that two results of gaps of 1e-6 have one optimum and one image, with `unit` the size of the second's
-/// objective and `added` its constant.
+/// Checks that two results of gaps of 1e-6 are one. The second's objective has this unit and added constant.
 fn are_the_same(case: &str, wanted: &ImageSequence, found: &ImageSequence, unit: f64, added: f64) {
     let [lower, upper] = bounds_of(wanted);
     let [other_lower, other_upper] = bounds_of(found).map(|bound| bound / unit - added);
@@ -100,8 +93,7 @@ fn a_power_of_two_changes_no_bit() {
     }
 }
 
-/// Duplicate rows are a weight of two; rows of zeros add half the square of their data; a masked or unused channel is a
-/// missing row; bounds far away are none.
+/// Duplicate rows weigh two; rows of zeros add half their squared data; masked and unused channels are missing.
 #[test]
 fn problems_that_say_the_same_have_the_same_optimum() {
     let plain = scene(3);
@@ -164,8 +156,7 @@ fn one_pixel_is_a_line_in_time() {
     for (found, wanted) in sequence.images.iter().zip([3.0, 3.1, -2.0]) {
         assert!((found - wanted).abs() < 1e-5, "{}", sequence.images);
     }
-    // with links the last frame is raised by lambda / J^2, and the first two are merged and lowered by
-    // half of it: mean 3.05 - 0.5 lambda / 4
+    // links raise the last frame by lambda / J^2, and merge and lower the first two: 3.05 - 0.5 lambda / 4
     let sequence = one().with_weights(1.0, 1.0).converged(&gap(1e-8));
     for (found, wanted) in sequence.images.iter().zip([2.925, 2.925, -1.75]) {
         // 2 sqrt(2 g) / J for an objective of order 10
@@ -184,23 +175,17 @@ fn parts_of_a_skin_that_share_their_data_are_certified() {
     let values = (jacobian.dot(&array![1.0, 3.0]) + &residual).insert_axis(Axis(0));
     let optimum = 0.5 * 2.04;
     assert!(jacobian.t().dot(&residual).iter().all(|v: &f64| v.abs() < 1e-15));
+    let problem = Problem::new(jacobian, gradient, values);
     for lambda_space in [1e-3, 1.0, 1e3, 1e9, 1e30] {
-        for bounds in
-            [[f64::NEG_INFINITY, f64::INFINITY], [0.0, f64::INFINITY], [-5.0, 5.0], [0.5, 5.0]]
-        {
-            let mut problem = Problem::new(jacobian.clone(), gradient.clone(), values.clone())
-                .with_weights(lambda_space, 0.0);
-            [problem.settings.lower_s, problem.settings.upper_s] = bounds;
-            for stop in [gap(1e-3), Stop { max_iterations: 0, ..gap(1e-3) }] {
-                let sequence = problem.solve(&stop);
+        for bounds in [UNBOUNDED, [0.0, f64::INFINITY], [-5.0, 5.0], [0.5, 5.0]] {
+            let problem = problem.clone().with_weights(lambda_space, 0.0).within(bounds);
+            let capped = problem.solve(&Stop { max_iterations: 0, ..gap(1e-3) });
+            for sequence in [problem.converged(&gap(1e-3)), capped] {
                 let [lower, upper] = bounds_of(&sequence);
                 // a thousand times the documented rounding error of the bound, 1e-13
-                assert!(
-                    lower <= optimum * (1.0 + 1e-10) && optimum * (1.0 - 1e-10) <= upper,
-                    "{lower:e} {upper:e}, lambda {lambda_space:e}, {bounds:?}"
-                );
+                let is_in = lower <= optimum * (1.0 + 1e-10) && optimum * (1.0 - 1e-10) <= upper;
+                assert!(is_in, "{lower:e} {upper:e}, {lambda_space:e}, {bounds:?}");
             }
-            problem.converged(&gap(1e-3));
         }
     }
 }
@@ -211,22 +196,18 @@ fn a_part_that_no_channel_sees_is_certified() {
     let mask = Array2::from_shape_fn((2, 3), |(_, j)| j != 1);
     let gradient = Gradient::pixels(&mask, 1.0).unwrap();
     let jacobian = array![[1.0, 0.0, 0.3, 0.0], [0.2, 0.0, 1.0, 0.0]];
-    let values = array![[1.0, -1.0], [0.5, 2.0]];
-    for bounds in [[f64::NEG_INFINITY, f64::INFINITY], [0.0, f64::INFINITY], [-1.0, 3.0]] {
-        let mut problem = Problem::new(jacobian.clone(), gradient.clone(), values.clone())
-            .with_weights(0.1, 0.05);
-        [problem.settings.lower_s, problem.settings.upper_s] = bounds;
-        problem.converged(&gap(1e-3));
+    let problem = Problem::new(jacobian, gradient, array![[1.0, -1.0], [0.5, 2.0]]);
+    for bounds in [UNBOUNDED, [0.0, f64::INFINITY], [-1.0, 3.0]] {
+        problem.clone().with_weights(0.1, 0.05).within(bounds).converged(&gap(1e-3));
     }
 }
 
 #[test]
 fn a_thousand_frames() {
     let problem = scene(1000);
-    for (stop, constrained) in [(gap(1e-2), false), (gap(1e-3), false), (gap(1e-2), true)] {
-        let problem = if constrained { problem.clone().constrained(0.8) } else { problem.clone() };
-        let sequence = problem.converged(&stop);
-        assert_eq!(sequence.images.dim(), (1000, 20));
+    let constrained = problem.clone().constrained(0.8);
+    for (problem, target_gap) in [(&problem, 1e-2), (&problem, 1e-3), (&constrained, 1e-2)] {
+        assert_eq!(problem.converged(&gap(target_gap)).images.dim(), (1000, 20));
     }
 }
 
@@ -257,8 +238,8 @@ fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
     let free = Problem::new(jacobian, square(1, 2), array![[1.0, 1.0, 2.0], [0.0, 3.0, 2.0]]);
     let deltas = [0.0, 1.0, 3.0 / SQRT_2 - 1e-6];
     // frame 1: its first value is 3 below what a change of 0 gives
-    let mut bounded = Problem::new(Array2::eye(2), square(1, 2), array![[1.0, 1.0], [-3.0, 1.0]]);
-    bounded.settings.lower_s = 0.0;
+    let bounded = Problem::new(Array2::eye(2), square(1, 2), array![[1.0, 1.0], [-3.0, 1.0]]);
+    let bounded = bounded.within([0.0, f64::INFINITY]);
     for (problem, smallest, deltas) in
         [(free, 3.0 / SQRT_2, deltas), (bounded, 3.0, [0.1, 2.0, 2.999])]
     {
@@ -266,14 +247,11 @@ fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
         for delta in deltas {
             let error = constrained(delta).try_solve(&gap(1e-3)).unwrap_err();
             let is_bounded = problem.settings.lower_s == 0.0;
-            let (named, least) = match error {
-                InverseError::DeltaTooSmall { frame: 1, delta, least } if !is_bounded => {
-                    (delta, least)
-                }
-                InverseError::DeltaTooSmallWithinBounds { frame: 1, delta, least, .. } => {
-                    (delta, least)
-                }
-                _ => panic!("{error}"),
+            let (InverseError::DeltaTooSmall { frame: 1, delta: named, least }
+            | InverseError::DeltaTooSmallWithinBounds { frame: 1, delta: named, least, .. }) =
+                error
+            else {
+                panic!("{error}")
             };
             let off = (named - delta).abs().max((least - smallest).abs());
             assert!(off < 1e-9, "{named} {least}");
@@ -287,8 +265,7 @@ fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
 
 #[test]
 fn images_that_miss_their_constraints_are_returned_with_their_residuals() {
-    let mut problem = scene(3).constrained(0.5);
-    problem.settings.lower_s = 0.0;
+    let problem = scene(3).constrained(0.5).within([0.0, f64::INFINITY]);
     let stop = Stop { max_iterations: 2, ..gap(1e-3) };
     let sequence = problem.solve(&stop);
     assert_eq!(sequence.report.status, SequenceStatus::IterationCap);
@@ -305,8 +282,7 @@ fn the_zero_sequence_needs_no_iteration() {
     let problem = scene(3);
     let mut still = problem.clone();
     still.values.fill(0.0);
-    let norms = (0..3).map(|t| problem.whitened(t).mapv(|v| v * v).sum().sqrt());
-    let largest = norms.fold(0.0, f64::max);
+    let largest = (0..3).map(|t| problem.whitened(t).pow2().sum().sqrt()).fold(0.0, f64::max);
     for problem in [
         still.clone(),
         still.clone().constrained(0.0),
@@ -363,13 +339,12 @@ fn a_frame_without_any_channel_follows_its_neighbours() {
     let mut problem = scene(3);
     problem.values.row_mut(1).fill(f64::NAN);
     problem.good = Some(Array2::from_shape_fn((3, 26), |(t, _)| t != 1));
-    for problem in [problem.clone(), problem.clone().constrained(0.8)] {
-        let sequence = problem.converged(&gap(1e-3));
-        assert_eq!(sequence.report.residual[1], 0.0);
-    }
     // without links nothing determines the frame: any constant is optimal
-    let sequence = problem.clone().with_weights(0.2, 0.0).converged(&gap(1e-3));
-    assert_eq!(sequence.report.residual[1], 0.0);
+    let unlinked = problem.clone().with_weights(0.2, 0.0);
+    for problem in [problem.clone(), problem.clone().constrained(0.8), unlinked] {
+        assert_eq!(problem.converged(&gap(1e-3)).report.residual[1], 0.0);
+    }
+
     // a sequence of such frames only
     problem.good = Some(Array2::from_elem((3, 26), false));
     let sequence = problem.converged(&gap(1e-3));

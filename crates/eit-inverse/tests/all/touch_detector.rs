@@ -1,15 +1,11 @@
 //! The touch detector on linear data of a disc: correct covariances, no false touches, held touches, drift.
 
 use crate::common::adjacent;
-use crate::common::detector::{
-    DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, normalised_squared, place,
-    push, touched,
-};
+use crate::common::detector::*;
 use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use fixtures::Random;
-use ndarray::{Array1, Array2};
+use ndarray::{Array1, Axis, aview1, stack};
 
-/// Positions and strengths err as their covariances state.
 #[test]
 fn covariances_are_honest() {
     let mut random = Random::new(3);
@@ -18,14 +14,13 @@ fn covariances_are_honest() {
     let count = 300;
     for _ in 0..count {
         let at = place(&mut random, 0.8);
-        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let frame = noisy(&mut random, &[(at, FINGER)]);
         let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("at {at:?}") };
         squared += normalised_squared(&touch, at) / f64::from(count);
         let off = (touch.strength_s_m2 - FINGER) / touch.strength_std_s_m2;
         strengths += off * off / f64::from(count);
     }
-    // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08; allowed are five of
-    // each, plus the difference between the meshes
+    // five standard deviations, 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08, plus the meshes' difference
     assert!((squared - 2.0).abs() < 0.6, "{squared}");
     assert!((strengths - 1.0).abs() < 0.4, "{strengths}");
 }
@@ -39,17 +34,14 @@ fn white_noise_shows_nothing() {
     let mut detector = SKIN.detector(1e-15);
     let mut rests = 0.0;
     for frame in 0..20_000 {
-        let values = random.noisy(&SKIN.model_v, SKIN.noise_std_v[0]);
-        let step = detector.push(&values, |_| false, DT_S).unwrap();
+        let step = detector.push(&noisy(&mut random, &[]), |_| false, DT_S).unwrap();
         rests += step.chi_square / step.rows as f64 / 20_000.0;
         assert!(detector.touches().is_empty(), "frame {frame}: {:?}", detector.touches());
     }
-    // 1 per row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of 2e6 squares
-    // is known to 0.1 %.
+    // 1 per row, less the sheet's; the reference adds 0.05 / 2. A mean of 2e6 squares is known to 0.1 %.
     assert!((rests - 1.015).abs() < 0.015, "{rests}");
 }
 
-/// A touch rotated by one electrode is found at the rotated position.
 #[test]
 fn turned_touches_have_turned_places() {
     let detector = SKIN.detector(1e-8);
@@ -83,26 +75,23 @@ const LEAST: f64 = 2e-6;
 fn a_reference_taken_back_shows_no_touch() {
     let mut random = Random::new(12);
     let mut detector = SKIN.detector(LEAST);
-    let mut noisy = |values: &[f64]| random.noisy(values, SKIN.noise_std_v[0]);
     for _ in 0..20 {
-        push(&mut detector, &noisy(&SKIN.model_v));
+        push(&mut detector, &noisy(&mut random, &[]));
     }
-    let lessened = touched(&[([-0.03, 0.04], -4.0 * FINGER)]);
     for _ in 0..5 {
-        push(&mut detector, &noisy(&lessened));
+        push(&mut detector, &noisy(&mut random, &[([-0.03, 0.04], -4.0 * FINGER)]));
     }
     let mut as_it_is = detector.clone();
     detector.take_back_reference();
     for frame in 0..20 {
-        let values = noisy(&SKIN.model_v);
+        let values = noisy(&mut random, &[]);
         assert_eq!(push(&mut detector, &values), [], "frame {frame}");
         push(&mut as_it_is, &values);
     }
     assert!(!as_it_is.touches().is_empty());
 }
 
-/// A touch held for ten minutes at 2 Hz is still present and in place at the end, and nothing is shown
-/// after it.
+/// Ten minutes at 2 Hz, and a minute after it.
 #[test]
 fn a_held_touch_stays_and_leaves_nothing() {
     let mut random = Random::new(11);
@@ -151,17 +140,13 @@ fn what_quiet_frames_do_is_no_touch() {
     let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
     let wave_v = TRUTH.jacobian.dot(&change);
     let on_wave = |values: &[f64], random: &mut Random| {
-        let waved = Array1::from(values.to_vec()) + random.normal() * &wave_v;
+        let waved = random.normal() * &wave_v + &aview1(values);
         random.noisy(&waved.to_vec(), SKIN.noise_std_v[0])
     };
-    let mut quiet_v = Array2::zeros((60, MEASUREMENTS));
-    for mut row in quiet_v.rows_mut() {
-        row.assign(&Array1::from(on_wave(&SKIN.model_v, &mut random)));
-    }
-    let settings = DetectorSettings::with_least(LEAST);
-    let all = [true; MEASUREMENTS];
-    let model = DetectorModel { quiet_v: quiet_v.view(), ..SKIN.model(&all) };
-    let mut with_quiet = TouchDetector::new(&model, settings).unwrap();
+    let quiet_v = [0; 60].map(|_| Array1::from(on_wave(&SKIN.model_v, &mut random)));
+    let quiet_v = stack(Axis(0), &quiet_v.each_ref().map(|row| row.view())).unwrap();
+    let model = DetectorModel { quiet_v: quiet_v.view(), ..SKIN.model(&[true; MEASUREMENTS]) };
+    let mut with_quiet = TouchDetector::new(&model, DetectorSettings::with_least(LEAST)).unwrap();
     let mut plain = SKIN.detector(LEAST);
     let mut shown = [0; 2];
     for k in 0..1000 {
@@ -206,7 +191,7 @@ fn a_gain_is_no_touch() {
         assert_eq!(step.blamed, Some(electrode));
         // a real finger is still found
         let at = place(&mut random, 0.8);
-        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let frame = noisy(&mut random, &[(at, FINGER)]);
         let step = aware.clone().push(&frame, |_| false, DT_S).unwrap();
         assert_eq!((push(&mut aware.clone(), &frame).len(), step.blamed), (1, None), "{at:?}");
     }
@@ -216,8 +201,7 @@ fn a_gain_is_no_touch() {
 
 /// Touches so faint that they lower chi^2 by 25 without noise. Where the previous frame showed a touch of four
 /// times their strength, they are kept; elsewhere the first frame rarely shows them, and the
-/// second twice as often.
-/// Without memory of the fabric, which would explain a part.
+/// second twice as often. Without memory of the fabric, which would explain a part.
 #[test]
 fn a_touch_that_goes_on_needs_less_evidence() {
     let settings = DetectorSettings {
@@ -225,8 +209,7 @@ fn a_touch_that_goes_on_needs_less_evidence() {
         trail_share: 0.0,
         ..DetectorSettings::with_least(1e-15)
     };
-    let all = [true; MEASUREMENTS];
-    let detector = TouchDetector::new(&SKIN.model(&all), settings).unwrap();
+    let detector = TouchDetector::new(&SKIN.model(&[true; MEASUREMENTS]), settings).unwrap();
     let mut random = Random::new(16);
     let (mut kept, mut first, mut second, mut evidence, count) = (0, 0, 0, 0.0, 200);
     for _ in 0..count {
@@ -236,9 +219,8 @@ fn a_touch_that_goes_on_needs_less_evidence() {
         push(&mut known, &touched(&[(at, FINGER)]));
         let [gain] = known.evidence_at(&[at_m])[..] else { panic!("{at:?}") };
         let faint = FINGER * (25.0 / gain).sqrt();
-        let mut noisy =
-            |strength: f64| random.noisy(&touched(&[(at, strength)]), SKIN.noise_std_v[0]);
-        let [firm, weak, again] = [4.0 * faint, faint, faint].map(&mut noisy);
+        let [firm, weak, again] =
+            [4.0 * faint, faint, faint].map(|strength| noisy(&mut random, &[(at, strength)]));
         let is_here = |touches: &[DetectedTouch]| touches.iter().any(|t| distance_m(t, at) < 0.025);
         let mut known = detector.clone();
         assert!(is_here(&push(&mut known, &firm)), "{at:?}");
@@ -267,8 +249,8 @@ fn a_touch_is_faint_beside_what_explains_more() {
         let (sin, cos) = f64::from(turn).sin_cos();
         let rim = [0.09 * cos, 0.09 * sin];
         for (shown, [at_rim, in_middle]) in shown.iter_mut().zip([[1.0, 8.0], [8.0, 1.0]]) {
-            let frame = touched(&[(rim, at_rim * FINGER), ([0.0, 0.0], in_middle * FINGER)]);
-            let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
+            let fingers = [(rim, at_rim * FINGER), ([0.0, 0.0], in_middle * FINGER)];
+            let frame = noisy(&mut random, &fingers);
             *shown += push(&mut detector.clone(), &frame).len();
         }
     }
@@ -290,10 +272,9 @@ fn six_fingers_are_found_from_one_frame() {
                 places.push(at);
             }
         }
-        let touches: Vec<_> =
+        let fingers: Vec<_> =
             places.iter().map(|at| (*at, random.between(0.5, 2.0) * FINGER)).collect();
-        let values = random.noisy(&touched(&touches), SKIN.noise_std_v[0]);
-        let touches = push(&mut detector.clone(), &values);
+        let touches = push(&mut detector.clone(), &noisy(&mut random, &fingers));
         let is_found = |at: &&[f64; 2]| touches.iter().any(|t| distance_m(t, **at) < 0.02);
         let here = places.iter().filter(is_found).count();
         // measured: 4 once, otherwise 5 and 6

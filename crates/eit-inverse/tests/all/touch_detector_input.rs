@@ -1,10 +1,9 @@
 //! The touch detector on linear data of a disc: missing values, invalid input, allocations.
 
-use crate::common::detector::{DT_S, FINGER, MEASUREMENTS, SKIN, distance_m, place, push, touched};
+use crate::common::detector::{DT_S, FINGER, MEASUREMENTS, SKIN, distance_m, noisy, place, push};
 use eit_inverse::touch::{DetectorModel, DetectorSettings, TouchDetector};
 use fixtures::Random;
 
-/// Losing a measurement and its reciprocal equals never having had them.
 #[test]
 fn missing_measurements_are_left_out() {
     let mut random = Random::new(6);
@@ -16,7 +15,7 @@ fn missing_measurements_are_left_out() {
             (used[i], used[SKIN.reciprocal[i]]) = (false, false);
         }
         let touches = [([0.04, 0.03], FINGER), ([-0.05, -0.02], FINGER)];
-        let mut frame = random.noisy(&touched(&touches), SKIN.noise_std_v[0]);
+        let mut frame = noisy(&mut random, &touches);
         let settings = DetectorSettings::with_least(1e-8);
         let mut never = TouchDetector::new(&SKIN.model(&used), settings).unwrap();
         push(&mut never, &frame);
@@ -28,22 +27,20 @@ fn missing_measurements_are_left_out() {
         assert_eq!((missing.touches().len(), never.touches().len()), (2, 2));
         for (a, b) in missing.touches().iter().zip(never.touches()) {
             let off_m = distance_m(a, [b.position_m[0], b.position_m[1]]);
-            let strength = a.strength_s_m2 / b.strength_s_m2 - 1.0;
-            let std = a.strength_std_s_m2 / b.strength_std_s_m2 - 1.0;
-            let worst = [off_m, strength, std, a.worth / b.worth - 1.0];
+            let [a, b] = [a, b].map(|t| [t.strength_s_m2, t.strength_std_s_m2, t.worth]);
             // 1.3e-13: rounding for a covariance of condition 100
-            assert!(worst.iter().all(|off| off.abs() < 1e-11), "{worst:?}");
+            let is_same = a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 1e-11);
+            assert!(is_same && off_m < 1e-11, "{off_m} {a:?} {b:?}");
         }
     }
 }
 
-/// If one of two reciprocal measurements is missing, the other stands for both, with a noise too small by
-/// sqrt 2. The position stays within a standard deviation.
+/// If one of two reciprocals is missing, the other stands for both, with a noise too small by sqrt 2.
 #[test]
 fn half_a_pair_suffices() {
     let mut random = Random::new(7);
     let at = [0.03, -0.05];
-    let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+    let frame = noisy(&mut random, &[(at, FINGER)]);
     let mut detector = SKIN.detector(1e-8);
     let [whole] = push(&mut detector.clone(), &frame)[..] else { panic!() };
     let lost: Vec<usize> =
@@ -68,7 +65,7 @@ fn push_allocates_nothing() {
             if k < 10 { (10, 40) } else { (random.below(9), random.below(30)) };
         let fingers: Vec<_> =
             (0..touches).map(|_| (place(&mut random, 0.9), 4.0 * FINGER)).collect();
-        let frame = random.noisy(&touched(&fingers), SKIN.noise_std_v[0]);
+        let frame = noisy(&mut random, &fingers);
         let lost: Vec<usize> = (0..missing).map(|_| random.below(MEASUREMENTS)).collect();
         let info = allocation_counter::measure(|| {
             detector.push(&frame, |i| lost.contains(&i), DT_S).unwrap();
@@ -79,17 +76,13 @@ fn push_allocates_nothing() {
     assert!(most >= 5, "{most}");
 }
 
-/// Invalid values in a frame are named in the error, and the detector is unchanged.
 #[test]
 fn bad_frames_change_nothing() {
     let mut random = Random::new(9);
-    let noisy = |random: &mut Random| {
-        random.noisy(&touched(&[([0.02, 0.05], FINGER)]), SKIN.noise_std_v[0])
-    };
+    let [before, frame] = [0; 2].map(|_| noisy(&mut random, &[([0.02, 0.05], FINGER)]));
     let mut detector = SKIN.detector(1e-8);
-    push(&mut detector, &noisy(&mut random));
+    push(&mut detector, &before);
     let mut untroubled = detector.clone();
-    let frame = noisy(&mut random);
     let mut nan = frame.clone();
     nan[17] = f64::NAN;
     let never = |_: usize| false;
@@ -104,15 +97,8 @@ fn bad_frames_change_nothing() {
     // a missing value may be anything
     detector.push(&nan, |i| i == 17, DT_S).unwrap();
     assert_eq!(detector.touches().len(), 1);
-}
-
-/// A frame with all values missing shows no touch, and the next frame works as usual.
-#[test]
-fn an_empty_frame_shows_nothing() {
-    let mut random = Random::new(10);
-    let frame = random.noisy(&touched(&[([0.02, 0.05], FINGER)]), SKIN.noise_std_v[0]);
-    let mut detector = SKIN.detector(1e-8);
-    let mut untroubled = detector.clone();
+    // all are missing
+    let [mut detector, mut untroubled] = [0; 2].map(|_| SKIN.detector(1e-8));
     let step = detector.push(&[f64::NAN; MEASUREMENTS], |_| true, DT_S).unwrap();
     assert_eq!((step.rows, detector.touches().len(), detector.places().1), (0, 0, 0));
     assert_eq!(detector.reference_v(), untroubled.reference_v());

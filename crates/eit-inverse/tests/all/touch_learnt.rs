@@ -1,12 +1,14 @@
 //! Touches of a skin learnt from presses, on a made-up skin: smooth responses of 40 channels whose gains the model does
 //! not know, changes of each press that nothing explains, noise, and drift between presses.
 
-use crate::common::detector::{RADIUS_M, distance_m, normalised_squared};
+use crate::common::RADIUS_M;
+use crate::common::detector::{distance_m, normalised_squared, place};
+use eit_core::vector::distance;
 use eit_inverse::learn::{ModelResponses, Orientation, Presses, ResponseMap};
 use eit_inverse::touch::{LearntDetector, LearntSettings, Untouched};
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
 use fixtures::Random;
-use ndarray::{Array1, Array2, Axis};
+use ndarray::{Array1, Array2, Axis, aview1};
 use std::sync::LazyLock;
 
 const CHANNELS: usize = 40;
@@ -29,7 +31,7 @@ struct Skin {
 impl Skin {
     fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
-        let at_m = (0..CHANNELS).map(|_| place(&mut random, 0.1)).collect();
+        let at_m = (0..CHANNELS).map(|_| place(&mut random, 1.0)).collect();
         let gains = (0..CHANNELS).map(|_| (0.5 * random.normal()).exp()).collect();
         Self { at_m, gains, random }
     }
@@ -43,7 +45,7 @@ impl Skin {
     }
 
     fn noise(&mut self) -> Vec<f64> {
-        (0..CHANNELS).map(|_| NOISE * self.random.normal()).collect()
+        self.random.noisy(&[0.0; CHANNELS], NOISE)
     }
 
     /// Changes by presses, with gains and an error of 5 % in each channel.
@@ -59,10 +61,10 @@ impl Skin {
 
     /// Presses of strength 0.5 to 2 within 0.8 of the radius, and the model's responses.
     fn presses(&mut self, count: usize) -> (Presses, ModelResponses) {
-        let places: Vec<[f64; 2]> = (0..count).map(|_| place(&mut self.random, 0.08)).collect();
+        let places: Vec<[f64; 2]> = (0..count).map(|_| place(&mut self.random, 0.8)).collect();
         let mut frames = Array2::zeros((count, CHANNELS));
         for (mut row, at) in frames.rows_mut().into_iter().zip(&places) {
-            let strength = 0.5 * 4.0_f64.powf(self.random.uniform());
+            let strength = self.random.log_between(0.5, 2.0);
             row.assign(&Array1::from(self.frame(&[(*at, strength)])));
         }
         let candidates_m = eit_inverse::learn::candidates(MESH.surface(), 1000);
@@ -71,11 +73,8 @@ impl Skin {
             Array2::from_shape_vec((places.len(), CHANNELS), rows).unwrap()
         };
         let places_m: Vec<[f64; 3]> = places.into_iter().map(|[x, y]| [x, y, 0.0]).collect();
-        let responses = ModelResponses {
-            at_candidates: model(&candidates_m),
-            at_presses: model(&places_m),
-            candidates_m,
-        };
+        let (at_candidates, at_presses) = (model(&candidates_m), model(&places_m));
+        let responses = ModelResponses { at_candidates, at_presses, candidates_m };
         (Presses { frames, places_m, sessions: Vec::new() }, responses)
     }
 
@@ -83,26 +82,13 @@ impl Skin {
         let (presses, model) = self.presses(presses);
         let map = ResponseMap::choose(&presses, &[1.0; CHANNELS], &model, RADIUS_M).unwrap();
         let steps = 5.0 * NOISE * self.random.normals(30, CHANNELS);
-        let untouched = Untouched {
-            reference: &[0.0; CHANNELS],
-            noise_std: &[NOISE; CHANNELS],
-            steps: &steps,
-            interval_s: 10.0,
-            rate_hz: RATE_HZ,
-        };
+        let (reference, noise_std) = (&[0.0; CHANNELS], &[NOISE; CHANNELS]);
+        let (interval_s, rate_hz) = (10.0, RATE_HZ);
+        let untouched = Untouched { reference, noise_std, steps: &steps, interval_s, rate_hz };
         let strengths = vec![1e-5; map.places_m.len()];
         let settings = LearntSettings::default();
         LearntDetector::new(map, MESH.surface(), &untouched, strengths, 0.012, settings, None)
             .unwrap()
-    }
-}
-
-fn place(random: &mut Random, within_m: f64) -> [f64; 2] {
-    loop {
-        let [x, y] = [0; 2].map(|_| within_m * (2.0 * random.uniform() - 1.0));
-        if x.hypot(y) <= within_m {
-            return [x, y];
-        }
     }
 }
 
@@ -114,8 +100,7 @@ fn errors_mm(found: &LearntDetector, truth: &[[f64; 2]]) -> Vec<f64> {
     truth.iter().map(nearest).collect()
 }
 
-/// Presses that were not learnt are shown, once each, at their places, and within the stated ellipses; without a press
-/// nothing is.
+/// Presses that were not learnt are shown once, at their places and within the stated ellipses; nothing else is.
 #[test]
 fn presses_are_shown_where_they_are() {
     let mut skin = Skin::new(11);
@@ -125,7 +110,7 @@ fn presses_are_shown_where_they_are() {
         let quiet = skin.noise();
         let step = detector.push(&quiet, |_| false).unwrap();
         assert!(detector.touches().is_empty() && step.is_explained, "{step:?}");
-        let at = place(&mut skin.random, 0.08);
+        let at = place(&mut skin.random, 0.8);
         let frame = skin.frame(&[(at, 1.0)]);
         let step = detector.push(&frame, |_| false).unwrap();
         shown += usize::from(detector.touches().len() == 1 && step.is_explained);
@@ -142,7 +127,6 @@ fn presses_are_shown_where_they_are() {
     assert!(held.len() == 100 && held.iter().filter(|held| held.is_shown).count() >= 95);
 }
 
-/// Frames without a touch, with one and with two allocate nothing.
 #[test]
 fn a_frame_allocates_nothing() {
     let mut skin = Skin::new(17);
@@ -187,7 +171,7 @@ fn missing_channels_cost_little() {
     let mut detector = skin.detector(100);
     let mut found = [Vec::new(), Vec::new(), Vec::new()];
     for _ in 0..40 {
-        let at = place(&mut skin.random, 0.08);
+        let at = place(&mut skin.random, 0.8);
         let mut frame = skin.frame(&[(at, 1.0)]);
         detector.leave_out(|_| false).unwrap();
         detector.push(&frame, |_| false).unwrap();
@@ -212,15 +196,12 @@ fn missing_channels_cost_little() {
 fn the_reference_follows_what_is_no_touch() {
     let mut skin = Skin::new(14);
     let mut detector = skin.detector(50);
-    let drift: Vec<f64> = skin.noise().iter().map(|n| 3.0 * n).collect();
-    let moved = |detector: &LearntDetector| -> f64 {
-        let along = detector.reference().iter().zip(&drift).map(|(r, d)| r * d).sum::<f64>();
-        along / drift.iter().map(|d| d * d).sum::<f64>()
-    };
+    let drift = 3.0 * Array1::from(skin.noise());
+    let moved =
+        |detector: &LearntDetector| drift.dot(&aview1(detector.reference())) / drift.pow2().sum();
     let press = |detector: &mut LearntDetector, skin: &mut Skin, strength: f64| {
-        let mut frame = skin.frame(&[([0.02, 0.03], strength)]);
-        frame.iter_mut().zip(&drift).for_each(|(f, d)| *f += d);
-        detector.push(&frame, |_| false).unwrap();
+        let frame = Array1::from(skin.frame(&[([0.02, 0.03], strength)])) + &drift;
+        detector.push(frame.as_slice().unwrap(), |_| false).unwrap();
         detector.touches().len()
     };
     for _ in 0..400 {
@@ -256,8 +237,7 @@ fn the_orientation_of_the_model_is_found() {
         };
         let robot: Vec<[f64; 3]> = presses.places_m.iter().map(back).collect();
         for (place, model) in robot.iter().zip(&presses.places_m) {
-            let [x, y, _] = wanted.to_model(*place);
-            assert!((x - model[0]).hypot(y - model[1]) < 1e-12);
+            assert!(distance(wanted.to_model(*place), *model) < 1e-12);
         }
         let changes = &presses.frames * sign;
         let (places, responses) = (&model.candidates_m, &model.at_candidates);
@@ -269,7 +249,6 @@ fn the_orientation_of_the_model_is_found() {
     }
 }
 
-/// Bad input is an error with its place.
 #[test]
 fn bad_presses_are_refused() {
     let mut skin = Skin::new(16);

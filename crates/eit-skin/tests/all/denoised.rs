@@ -1,7 +1,6 @@
 //! The U-net frame by frame gives the images that it gives for a recording, and shows no image that the data contradict.
 
-use crate::common::script::{QUIET_FRAMES, RATE_HZ};
-use crate::common::{Bench, PAPER, Recording, touches_of};
+use crate::common::*;
 use eit_skin::denoise::{Check, LiveNet, Net, NetTarget, Verdict};
 use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::{Array3, Axis};
@@ -98,33 +97,32 @@ fn one_by_one_as_all_at_once() {
     let weights = "../eit-denoise/weights/paper-disc.safetensors";
     let of_images = Path::new(env!("CARGO_MANIFEST_DIR")).join(weights);
 
-    let recordings = PAPER.draw([31], 1, |drawn, _| (0..3).for_each(|_| _ = drawn.press(0.6..2.0)));
-    check(&PAPER, &recordings[0], &["default", of_images.to_str().unwrap()], false);
+    let [recording] = PAPER.draw([31], 1, |drawn, _| drawn.presses(3, 0.6..2.0));
+    check(&PAPER, &recording, &["default", of_images.to_str().unwrap()], false);
 }
 
 /// What images of the net leave of the data depends on how much electrodes move: shown is what touches explain.
 #[test]
 fn another_skin_shows_what_touches_explain() {
     let bench = Bench::of("patches");
-    let recordings = bench.draw([34], 1, |drawn, _| {
-        for place in [[0.03, 0.02], [-0.04, 0.03], [0.02, -0.05]] {
-            drawn.press_at(&[place], 0.7..2.0);
-        }
+    let places = [[0.03, 0.02], [-0.04, 0.03], [0.02, -0.05]];
+    let [recording] = bench.draw([34], 1, |drawn, _| {
+        places.iter().for_each(|place| _ = drawn.press_at(&[*place], 0.7..2.0));
     });
-    check(&bench, &recordings[0], &["default"], true);
+    check(&bench, &recording, &["default"], true);
 }
 
 /// Without noise no touches can be sought, and "default" is the net of images alone, which is used on its own skin only.
 #[test]
 fn without_touches_another_skin_keeps_its_raw_images() {
-    let recordings = PAPER.draw([32], 1, |drawn, _| _ = drawn.press(0.6..2.0));
-    let mut fitted = PAPER.fit(&recordings[0]);
+    let [recording] = PAPER.draw([32], 1, |drawn, _| drawn.presses(1, 0.6..2.0));
+    let mut fitted = PAPER.fit(&recording);
     fitted.frames.quiet = None;
     let raw = raw_images(&fitted);
     let raster = fitted.skin.raster(&mut Progress::silent()).unwrap();
     let settings = DenoiseSettings { weights: "default".to_owned(), any_skin: true };
     let own = fitted.skin.skin.net_target();
-    let touched = touched(&recordings[0])[0];
+    let touched = touched(&recording)[0];
     for (fingerprint, stays) in [("another", true), (own.fingerprint, false)] {
         let net = Net::load(&settings, &NetTarget { fingerprint, ..own }).unwrap();
         let mut images = raw.clone();

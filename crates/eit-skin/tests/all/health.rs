@@ -1,7 +1,6 @@
 //! The check of an instrument against the model of its skin.
 
-use crate::common::meshed;
-use crate::common::source::Listed;
+use crate::common::*;
 use eit_skin::Skin;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::eit_hw::driver::Event;
@@ -19,11 +18,8 @@ const NODES: usize = 2500;
 fn check(model: &Skin, scene: &Scene, voltages: &[f64]) -> (HealthReport, Option<f64>) {
     let mut random = Random::new(5);
     let largest = voltages.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    let frames = (0..FRAMES as u64).map(|k| {
-        let noisy = voltages.iter().map(|v| v + 1e-5 * largest * random.normal());
-        Event::Frame(Frame::new(k, noisy.collect()))
-    });
-    let mut board = Listed::new(frames);
+    let noisy = |k| Event::Frame(Frame::new(k, random.noisy(voltages, 1e-5 * largest)));
+    let mut board = Listed::new((0..FRAMES as u64).map(noisy));
     let quiet = measure_reference_frames(&mut board, FRAMES, Duration::from_secs(60)).unwrap();
     let mut report = health::check(&quiet, &scene.instrument().unwrap()).unwrap();
     assert_eq!(report.verdict(), Verdict::Good, "without the model: {:?}", report.findings);
@@ -45,10 +41,9 @@ fn a_wrong_order_is_found() {
         let model = Skin::from_scene(scene.clone()).unwrap();
         let measured = meshed(&scene, NODES);
         let measured_v = measured.model.forward(&measured.background_s()).unwrap().to_vec();
-        let scaled = |factor: f64| measured_v.iter().map(|v| factor * v).collect();
+        let scaled = |factor: f64| -> Vec<f64> { measured_v.iter().map(|v| factor * v).collect() };
         let magnitudes = measured_v.iter().map(|v| v.abs()).collect();
         for voltages in [scaled(1.0), scaled(30.0), scaled(-1.0), magnitudes] {
-            let voltages: Vec<f64> = voltages;
             let (report, _) = check(&model, &scene, &voltages);
             assert_eq!(report.verdict(), Verdict::Good, "{name}: {:?}", report.findings);
         }

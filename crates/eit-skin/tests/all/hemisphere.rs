@@ -1,8 +1,7 @@
 //! Touches on a dome with an uneven sheet, on forward solutions of the full non-linear model of another mesh.
 
-use crate::common::score::{acted_on, quantile_of};
-use crate::common::script::QUIET_FRAMES;
-use crate::common::{fit, meshed, quiet_first, touches_of};
+use crate::common::*;
+use eit_core::vector::{distance, dot, norm, scaled};
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
@@ -16,29 +15,21 @@ const RADIUS_M: f64 = 0.1;
 const PRESS: usize = 8;
 const PRESSES: usize = 16;
 
-fn distance_m(a: &Place, b: &Place) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
 /// A position on the dome (rim at z = 0), at least 5 mm from the rim.
 fn place(random: &mut Random) -> Place {
     // uniform in height, and therefore on the sphere
     let z = RADIUS_M * (0.05 + 0.95 * random.uniform());
-    let angle = TAU * random.uniform();
-    let r = (RADIUS_M * RADIUS_M - z * z).sqrt();
-    [r * angle.cos(), r * angle.sin(), z]
+    let [x, y] = polar((RADIUS_M * RADIUS_M - z * z).sqrt(), TAU * random.uniform());
+    [x, y, z]
 }
 
 /// `ln sigma` of a sheet uneven by 5 %: waves in space, of 2 cm correlation length.
 fn unevenness(random: &mut Random) -> impl Fn(&Place) -> f64 + use<> {
-    let mut wave = || {
-        let [x, y, z] = [0; 3].map(|_| random.normal() / 0.02);
-        [x, y, z, TAU * random.uniform()]
-    };
-    let waves: Vec<[f64; 4]> = (0..300).map(|_| wave()).collect();
+    let mut wave = || ([0; 3].map(|_| random.normal() / 0.02), TAU * random.uniform());
+    let waves: Vec<(Place, f64)> = (0..300).map(|_| wave()).collect();
     move |p| {
-        let value = |[x, y, z, phase]: &[f64; 4]| (x * p[0] + y * p[1] + z * p[2] + phase).cos();
-        0.05 * (2.0 / 300.0_f64).sqrt() * waves.iter().map(value).sum::<f64>()
+        let sum: f64 = waves.iter().map(|(wave, phase)| (dot(*wave, *p) + phase).cos()).sum();
+        0.05 * (2.0 / 300.0_f64).sqrt() * sum
     }
 }
 
@@ -53,7 +44,7 @@ fn touches_on_a_dome() {
     // each finger raises the conductivity by 30 % in a bell of 8 mm
     let voltages = |fingers: &[Place]| {
         let touched = |(c, sheet_s): (&Place, &f64)| {
-            let bell = |at: &Place| 0.3 * (-(distance_m(c, at) / 8e-3).powi(2)).exp();
+            let bell = |at: &Place| 0.3 * (-(distance(*c, *at) / 8e-3).powi(2)).exp();
             sheet_s * (1.0 + fingers.iter().map(bell).sum::<f64>())
         };
         let conductivity_s: Vec<f64> = centroids.iter().zip(&sheet_s).map(touched).collect();
@@ -78,7 +69,7 @@ fn touches_on_a_dome() {
         // every second press has two fingers
         while press % 2 == 1 && fingers.len() < 2 {
             let other = place(&mut random);
-            if distance_m(&fingers[0], &other) > 0.05 {
+            if distance(fingers[0], other) > 0.05 {
                 fingers.push(other);
             }
         }
@@ -93,31 +84,32 @@ fn touches_on_a_dome() {
     let mut least_outward = f64::INFINITY;
     for (frame, fingers) in truth.iter().enumerate() {
         let here = acted_on(&found, frame);
+        all += fingers.len();
         for finger in fingers {
-            let off_m = |touch: &Touch| distance_m(&touch.position_m, finger);
-            all += 1;
-            let nearest = here.iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b)));
-            let Some(touch) = nearest.filter(|touch| off_m(touch) < 0.025) else { continue };
-            errors_m.push(off_m(touch));
-            let normal = touch.normal.unwrap();
-            let outward: f64 = (0..3).map(|k| normal[k] * touch.position_m[k] / RADIUS_M).sum();
-            least_outward = least_outward.min(outward);
+            let places_m = here.iter().map(|touch| touch.position_m);
+            let Some((nearest, error_m)) = eit_core::vector::nearest(places_m, *finger) else {
+                continue;
+            };
+            if error_m < 0.025 {
+                errors_m.push(error_m);
+                let Touch { normal, position_m, .. } = here[nearest];
+                let outward = dot(normal.unwrap(), scaled(1.0 / RADIUS_M, position_m));
+                least_outward = least_outward.min(outward);
+            }
         }
         // where the top hardly shows in the voltages, the touch states a larger uncertainty
         let is_of = |touch: &Touch, finger: &Place| {
-            let std_m = distance_m(&touch.position_std_m(), &[0.0; 3]);
-            distance_m(&touch.position_m, finger) < (4.0 * std_m).max(0.025)
+            let std_m = norm(touch.position_std_m());
+            distance(touch.position_m, *finger) < (4.0 * std_m).max(0.025)
         };
         let invented = |touch: &&Touch| !fingers.iter().any(|finger| is_of(touch, finger));
         extra += here.len().saturating_sub(fingers.len()) + here.iter().filter(invented).count();
         // on the skin, up to the error of its edges' chords
-        for touch in here {
-            let off = (distance_m(&touch.position_m, &[0.0; 3]) - RADIUS_M).abs();
-            assert!(off < 1e-3, "frame {frame}: {:?}", touch.position_m);
-        }
+        let is_on = |touch: &Touch| (norm(touch.position_m) - RADIUS_M).abs() < 1e-3;
+        assert!(here.iter().all(is_on), "frame {frame}: {here:?}");
     }
-    let [median_m, most_m] = [0.5, 0.95].map(|part| quantile_of(&errors_m, part));
-    let (part, turned) = (errors_m.len() as f64 / f64::from(all), least_outward.acos());
+    let (median_m, most_m) = (median(&errors_m), eit_core::quantile(&errors_m, 0.95).unwrap());
+    let (part, turned) = (errors_m.len() as f64 / all as f64, least_outward.acos());
     println!("{part:.3}, {median_m:.4} m, 95 % {most_m:.4} m, extra {extra}, {turned:.3} rad");
     // triangles are tilted by 2 to 4 degrees; the filter moves the position by some mm, 1 degree per 1.7 mm
     assert!(turned < 7.0_f64.to_radians(), "{turned}");

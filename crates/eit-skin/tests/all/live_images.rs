@@ -1,11 +1,11 @@
 //! Images of a live stream that are only made while they are needed.
 
-use crate::common::meshed;
-use crate::common::source::Listed;
+use crate::common::*;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::eit_hw::{Frame, Unit};
 use eit_skin::live::{LiveModel, LiveObserver, Summary, TouchFrame};
+use eit_skin::ndarray::aview1;
 use eit_skin::scene::Scene;
 use eit_skin::{LiveStream, Progress, SkinError};
 use std::sync::Arc;
@@ -69,10 +69,6 @@ fn last_image(
     stream.shown().unwrap().images.unwrap().pixels().to_vec()
 }
 
-fn distance(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
 /// Whether an image is coupled to the last one (short gap) or not (over half a second), it differs from a first image by
 /// less than a hundredth of a touch that ended: the gap to which images are solved; measured 0.002.
 #[test]
@@ -85,7 +81,8 @@ fn an_image_after_a_gap_shows_nothing_of_an_old_touch() {
         let first = last_image(&model, frames, |k| k == last);
         let after_gap = last_image(&model, frames, |k| k < TOUCHED || k == last);
         let touched = last_image(&model, &frames[..REFERENCE + TOUCHED], |_| true);
-        let [gap, touch] = [&after_gap, &touched].map(|image| distance(image, &first));
+        let off = |image: &[f64]| (&aview1(image) - &aview1(&first)).pow2().sum().sqrt();
+        let (gap, touch) = (off(&after_gap), off(&touched));
         assert!(gap < 0.01 * touch, "{gap:e} {touch:e}");
     }
 }

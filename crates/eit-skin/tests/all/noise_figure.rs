@@ -1,8 +1,6 @@
 //! One-step images where the noise figure falls, rises and falls again: its first crossing is the right one.
 
-use crate::common::score::median;
-use crate::common::script::QUIET_FRAMES;
-use crate::common::{PAPER, fit, meshed};
+use crate::common::*;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::eit_inverse::{
     ChosenHyperparameter, HyperparameterChoice, NoiseTarget, OneStepGaussNewton,
@@ -121,8 +119,8 @@ fn noise_without_rounding(fitted: &FittedFrames, values: &Array2<f64>) -> Vec<f6
         (0.5 * squares.sum::<f64>() / (QUIET_FRAMES - 1) as f64).sqrt()
     };
     let std_v: Vec<f64> = (0..used.len()).map(deviation).collect();
-    let moving: Vec<f64> = std_v.iter().copied().filter(|e| *e > 0.0).collect();
-    let least_v = 0.1 * median(&moving);
+    let moving = std_v.iter().copied().filter(|e| *e > 0.0);
+    let least_v = 0.1 * eit_core::median(moving).unwrap();
     let relative = |i: usize| std_v[i].max(least_v) / fitted.frames.reference[i].abs();
     (0..used.len()).map(|i| if used[i] { relative(i) } else { 1.0 }).collect()
 }

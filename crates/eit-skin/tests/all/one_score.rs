@@ -1,7 +1,6 @@
 //! Touches by `[touch] model = "one-score"`. Full figures: `docs/validation/rough.md`.
 
-use crate::common::score::{ANY, Bars, acted_on};
-use crate::common::{Bench, HEXAGONS, touches_of};
+use crate::common::*;
 use eit_skin::scene::Scene;
 use eit_skin::{Progress, Skin};
 use std::sync::Arc;
@@ -17,7 +16,7 @@ fn bench(name: &str) -> Bench {
 fn six_fingers_that_land_at_once() {
     // measured 0.992 and 0: a frame in some beginnings
     let bars = Bars { found: 0.98, extra: 0.01, ..ANY };
-    bench("paper-disc").score(&HEXAGONS).check("six fingers", &bars);
+    bench("paper-disc").score(&*HEXAGONS).check("six fingers", &bars);
 }
 
 /// Presses and a slide on fabric with all effects; the search finds 0.45 of the fingers, and 0.49 others beside them.
@@ -25,7 +24,7 @@ fn six_fingers_that_land_at_once() {
 fn rough_fabric() {
     let by_score = bench("rough-disc");
     let recordings = by_score.draw([31, 32], 2, |drawn, _| {
-        (0..3).for_each(|_| _ = drawn.press(0.7..2.0));
+        drawn.presses(3, 0.7..2.0);
         drawn.slide();
     });
     let score = by_score.score(&recordings);
@@ -35,8 +34,7 @@ fn rough_fabric() {
     assert!(score.found() > searched.found(), "{score:?} {searched:?}");
 }
 
-/// Nothing is left of it. Without what its disturbance of the currents looks like elsewhere, second touches stand opposite
-/// it in nine of ten frames.
+/// Without what its disturbance of currents looks like elsewhere, nine of ten frames have second touches.
 #[test]
 fn an_object_in_a_tank_is_one_touch() {
     let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };

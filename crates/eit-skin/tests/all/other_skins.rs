@@ -1,8 +1,6 @@
-//! Touches on the plate with a hole and on the skin with snaps, with default settings. Full figures:
-//! `docs/validation/touch_skins.md`.
+//! Touches on the plate with a hole and the skin with snaps. Full figures: `docs/validation/touch_skins.md`.
 
-use crate::common::Bench;
-use crate::common::score::{ANY, Bars, Score, median};
+use crate::common::*;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::scene::Scene;
 use eit_skin::touches::Touches;
@@ -89,12 +87,12 @@ fn a_wrong_order_has_no_valid_touch() {
     let text = text.replace(one, "?").replace(other, one).replace('?', other);
     let plate = Scene::load("plate-with-hole").unwrap();
     let exchanged = Bench::believing(&plate, &Scene::parse(&text, "exchanged").unwrap());
-    let recordings = PLATE.draw([81], 1, |drawn, seed| {
+    let [recording] = PLATE.draw([81], 1, |drawn, seed| {
         let mut random = Random::named(seed, "places on the plate", 0);
         (0..18).for_each(|_| _ = drawn.press_at(&places(&mut random)[..1], 0.2..0.7));
     });
-    assert!(!exchanged.fit(&recordings[0]).fit.is_alike());
-    let [right, wrong] = [&*PLATE, &exchanged].map(|bench| bench.touches(&recordings[0]));
+    assert!(!exchanged.fit(&recording).fit.is_alike());
+    let [right, wrong] = [&*PLATE, &exchanged].map(|bench| bench.touches(&recording));
     let (shown, hidden) = (wrong.rows.len(), wrong.not_explained.len());
     assert!(valid(&right) > 200 && shown > 0, "{} valid, {shown} shown", valid(&right));
     assert_eq!((valid(&wrong), &wrong.faults[..]), (0, &[][..]));
@@ -105,17 +103,14 @@ fn a_wrong_order_has_no_valid_touch() {
 /// An instrument that gives magnitudes of voltages of both signs: the fit and the touches are those of the voltages.
 #[test]
 fn magnitudes_are_as_good_as_voltages() {
-    let text = Scene::text("paper-disc").unwrap();
-    let bench = Bench::of_text(&text.replace("drive = \"adjacent\"", "drive = \"opposite\""));
-    let mut recordings =
-        bench.draw([91], 1, |drawn, _| (0..4).for_each(|_| _ = drawn.press(0.7..2.0)));
-    let recording = &mut recordings[0];
+    let bench = Bench::of_text(&with_drive("opposite"));
+    let [mut recording] = bench.draw([91], 1, |drawn, _| drawn.presses(4, 0.7..2.0));
     assert!(recording.values.row(0).iter().any(|v| *v < 0.0));
-    let of_voltages = valid(&bench.touches(recording));
+    let of_voltages = valid(&bench.touches(&recording));
     recording.values.mapv_inplace(f64::abs);
-    let fit = bench.fit(recording).fit;
+    let fit = bench.fit(&recording).fit;
     assert!(fit.is_alike() && fit.gain > 0.5, "{fit:?}");
-    let of_sizes = valid(&bench.touches(recording));
+    let of_sizes = valid(&bench.touches(&recording));
     // measured 84 and 84
     let is_alike = of_voltages > 60 && of_sizes.abs_diff(of_voltages) <= 2;
     assert!(is_alike, "{of_voltages} of voltages, {of_sizes} of magnitudes");

@@ -40,14 +40,11 @@ fn simulated_frames_are_reconstructed_with_their_own_reference() {
     // a skin that is stepped with the fingers of the script makes the same frames
     let mut stepped = simulator(&scene, settings.seed, settings.nodes, false).unwrap();
     for (frame, wanted) in made.simulation.frames_v.rows().into_iter().enumerate() {
-        let contact = |t: &ScriptTouch| Contact {
-            finger: t.finger,
-            tip: t.tip,
-            position_m: t.position_m,
-            force_n: t.force_n,
-            radius_m: t.radius_m,
+        let contact = |touch: ScriptTouch| {
+            let ScriptTouch { finger, tip, position_m, force_n, radius_m, .. } = touch;
+            Contact { finger, tip, position_m, force_n, radius_m }
         };
-        let contacts: Vec<Contact> = made.script.touches(frame).iter().map(contact).collect();
+        let contacts: Vec<_> = made.script.touches(frame).into_iter().map(contact).collect();
         let values_v = &stepped.step(&contacts, 1.0 / made.script.frame_rate_hz).unwrap().values_v;
         assert_eq!(*values_v, wanted.to_vec());
     }

@@ -55,7 +55,6 @@ const SHORTED_5: Change = |bench, values| {
     }
 };
 
-/// Touches during and after the reference are not faults.
 #[test]
 fn touches_are_no_fault() {
     for seed in 0..5 {

@@ -1,8 +1,6 @@
 //! Touches on the simulated fabric, with default settings. Full figures: `docs/validation/touches.md`.
 
-use crate::common::score::{ANY, Bars, ONE, Score};
-use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ, distance_m};
-use crate::common::{HEXAGONS, PAPER, Recording, SEEDS, touches_of};
+use crate::common::*;
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::faults::FaultKind;
 use eit_skin::ndarray::Axis;
@@ -19,10 +17,10 @@ const BROKEN: usize = 5;
 const BROKEN_FROM: usize = 100;
 
 /// One finger that presses six times, starting half a second after the electrode breaks.
-static PRESSES: LazyLock<Vec<Recording>> = LazyLock::new(|| {
+static PRESSES: LazyLock<[Recording; 3]> = LazyLock::new(|| {
     PAPER.draw(SEEDS, 1, |drawn, _| {
         drawn.next_s += 3.5;
-        (0..6).for_each(|_| _ = drawn.press(PRESS_N));
+        drawn.presses(6, PRESS_N);
     })
 });
 
@@ -59,20 +57,20 @@ fn quiet() {
 
 #[test]
 fn one() {
-    PAPER.score(&PRESSES).check("one", &ONE);
+    PAPER.score(&*PRESSES).check("one", &ONE);
 }
 
 /// Four fingers, at least 40 mm apart.
 #[test]
 fn four() {
     let bars = Bars { found: 0.95, ..ONE };
-    check("four", 4, &bars, |drawn, _| (0..3).for_each(|_| _ = drawn.press(PRESS_N)));
+    check("four", 4, &bars, |drawn, _| drawn.presses(3, PRESS_N));
 }
 
 /// Of such a frame one touch alone explains nothing, and what fingers do to each other looks like one in the middle.
 #[test]
 fn hexagon() {
-    PAPER.score(&HEXAGONS).check("hexagon", &Bars { found: 0.99, extra: 0.01, ..ONE });
+    PAPER.score(&*HEXAGONS).check("hexagon", &Bars { found: 0.99, extra: 0.01, ..ONE });
 }
 
 /// Two fingers close in to 26 mm and part again; one bell between them fits nearly as well there.
@@ -90,7 +88,6 @@ fn slide() {
     check("slide", 1, &bars, |drawn, _| (0..3).for_each(|_| _ = drawn.slide()));
 }
 
-/// Slides through the centre: one finger and its trail are not two fingers.
 #[test]
 fn slide_through_the_centre() {
     let recordings = PAPER.draw([2, 7, 12], 1, |drawn, _| {
@@ -117,25 +114,24 @@ fn what_slides_leave_behind() {
         [[0.029833, 0.011935], [-0.051892, 0.052711]],
         [[0.022064, -0.074650], [-0.017700, 0.031780]],
     ];
-    let recordings = PAPER.draw([18101], 1, |drawn, _| {
+    let [recording] = PAPER.draw([18101], 1, |drawn, _| {
         strokes.iter().for_each(|way| drawn.slide_along(*way).next_s += 0.1);
     });
-    let touches = PAPER.touches(&recordings[0]);
+    let touches = PAPER.touches(&recording);
     assert_eq!(touches.faults, []);
-    Score::of(&recordings[0], &touches).check("slides", &Bars { found: 0.98, ..ANY });
+    Score::of(&recording, &touches).check("slides", &Bars { found: 0.98, ..ANY });
 }
 
 /// Another unit, current or conductivity: the same touches, light ones too, drawn alike in images relative to the scene.
 #[test]
 fn another_level_of_voltages() {
-    let recordings =
-        PAPER.draw([SEEDS[0]], 2, |drawn, _| (0..4).for_each(|_| _ = drawn.press(0.1..0.4)));
-    let fitted = PAPER.fit(&recordings[0]);
+    let [recording] = PAPER.draw([SEEDS[0]], 2, |drawn, _| drawn.presses(4, 0.1..0.4));
+    let fitted = PAPER.fit(&recording);
     let found = touches_of(&fitted);
     assert!(found.rows.len() > 50, "{}", found.rows.len());
     // the last one: millivolts
     for factor in [3.0, 1.0 / 3.0, 1e3] {
-        let values = &recordings[0].values * factor;
+        let values = &recording.values * factor;
         let other_fitted = PAPER.fit(&Recording { values, truth: Vec::new() });
         let other_found = touches_of(&other_fitted);
         let level = other_fitted.level() / fitted.level();
@@ -146,8 +142,8 @@ fn another_level_of_voltages() {
         };
         for (row, other) in found.rows.iter().zip(&other_found.rows) {
             assert_eq!((row.frame, row.touch.id), (other.frame, other.touch.id));
-            let (a, b) = (row.touch.position_m, other.touch.position_m);
-            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6, "{a:?} {b:?}");
+            let [x, y, _] = other.touch.position_m;
+            assert!(off_m(&row.touch, [x, y]) < 1e-6, "{row:?} {other:?}");
             let ratio = drawn(&other_fitted, &other.touch) / drawn(&fitted, &row.touch);
             assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
             // as docs/METHODS.md says of `intensity`
@@ -175,13 +171,13 @@ fn peaks<'a>(
     let imaging = fitted.one_step(&mut progress).unwrap();
     let images = imaging.images(&fitted.frames, &mut progress).unwrap();
     // the first of 16 electrodes is at +y, the others follow counter-clockwise
-    let (sin, cos) = (TAU * (0.25 + BROKEN as f64 / 16.0)).sin_cos();
+    let broken = polar(0.1, TAU * (0.25 + BROKEN as f64 / 16.0));
     recording.truth.iter().filter(|touch| touch.force_n >= 0.7).map(move |touch| {
         let image = images.frame(touch.frame).unwrap();
         let values = image.indexed_iter().filter(|(_, v)| v.is_finite());
         let ((row, column), _) = values.max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
-        [imaging.raster.centre_m(row, column), [0.1 * cos, 0.1 * sin]]
-            .map(|place| distance_m(place, touch.position_m))
+        let peak = imaging.raster.centre_m(row, column);
+        [peak, broken].map(|place| distance_m(place, touch.position_m))
     })
 }
 
@@ -214,14 +210,13 @@ fn open_electrode() {
         without.extend(peaks(&recording, &fitted));
     }
     score.check("open electrode", &ONE);
-    let worst_m = |peaks: &[[f64; 2]], within: f64| {
-        let far = peaks.iter().filter(|[_, to_broken_m]| *to_broken_m > within);
-        far.map(|[error_m, _]| *error_m).fold(0.0, f64::max)
+    let errors_m = |peaks: &[[f64; 2]], beyond_m: f64| -> Vec<f64> {
+        peaks.iter().filter(|[_, broken_m]| *broken_m > beyond_m).map(|peak| peak[0]).collect()
     };
-    let of_all = [&healthy, &without].map(|peaks| worst_m(peaks, 0.0));
-    let far_m = worst_m(&without, BLIND_M);
-    let with = with.iter().filter(|[_, to_broken_m]| *to_broken_m > BLIND_M);
-    let nearest_m = with.map(|[error_m, _]| *error_m).fold(f64::INFINITY, f64::min);
+    let worst_m = |errors_m: Vec<f64>| errors_m.into_iter().fold(0.0, f64::max);
+    let of_all = [&healthy, &without].map(|peaks| worst_m(errors_m(peaks, 0.0)));
+    let far_m = worst_m(errors_m(&without, BLIND_M));
+    let nearest_m = errors_m(&with, BLIND_M).into_iter().fold(f64::INFINITY, f64::min);
     println!("worst {of_all:?} m healthy and without, {far_m} m far; with {nearest_m} m at best");
     // error of one-step images near a rim, a tenth of the radius, plus a pixel; measured 12 mm
     assert!(of_all[0] < 15e-3 && far_m < 15e-3, "{of_all:?} {far_m}");
@@ -234,16 +229,15 @@ fn open_electrode() {
 /// The electrode recovers before the second press: within 2 s it is used again, and no touch is shown for that.
 #[test]
 fn open_electrode_heals() {
-    let mut recording = PAPER.draw([SEEDS[0]], 1, |drawn, _| {
+    let [mut recording] = PAPER.draw([SEEDS[0]], 1, |drawn, _| {
         drawn.next_s += 3.5;
         drawn.press(0.8..2.0).next_s += 3.0;
-        drawn.press(0.8..2.0).press(0.8..2.0);
+        drawn.presses(2, 0.8..2.0);
     });
-    let recording = &mut recording[0];
     // a second after the first press was lifted
     let healed_from = (7.7 * RATE_HZ) as usize;
     recording.open(BROKEN, BROKEN_FROM..healed_from, &mut Random::new(SEEDS[0]));
-    let touches = PAPER.touches(recording);
+    let touches = PAPER.touches(&recording);
     assert_eq!(only_fault(&touches).0, BROKEN);
     let all = PAPER.measurements_of(BROKEN);
     let is_back = |frame: usize| all.iter().all(|&i| !touches.is_missing[[frame, i]]);
@@ -251,7 +245,7 @@ fn open_electrode_heals() {
     // the monitor requires 1 s of good frames
     assert!(back - healed_from <= (2.0 * RATE_HZ) as usize, "{back}");
     assert!((back..recording.values.nrows()).all(is_back));
-    Score::of(recording, &touches).check("healed", &ONE);
+    Score::of(&recording, &touches).check("healed", &ONE);
     assert!(touches.rows.last().unwrap().touch.whole);
 }
 
@@ -277,13 +271,11 @@ fn check_drifts(
 /// From untouched frames on, or under a finger, which hides it for longer.
 #[test]
 fn drifting_electrode() {
-    let [free, under] = [(100, 5), (125, 20)];
-    let cases =
-        [(0, free, -0.01), (1, free, -0.01), (1, free, 0.01), (0, under, -0.01), (2, under, 0.01)];
-    let case = |(k, (from, most), per_s): (usize, (usize, usize), f64)| {
-        (PRESSES[k].clone(), BROKEN, from, per_s, most)
-    };
-    check_drifts("drifting electrode", cases.map(case));
+    let free = [(0, -0.01), (1, -0.01), (1, 0.01)].map(|(k, per_s)| (k, 100, per_s, 5));
+    let under = [(0, -0.01), (2, 0.01)].map(|(k, per_s)| (k, 125, per_s, 20));
+    let cases = free.into_iter().chain(under);
+    let cases = cases.map(|(k, from, per_s, most)| (PRESSES[k].clone(), BROKEN, from, per_s, most));
+    check_drifts("drifting electrode", cases);
 }
 
 /// From two frames before a finger lands on: these name it. (Of all 16 electrodes and three fabrics, from two or four

@@ -1,8 +1,6 @@
 //! What a robot is told when the instrument or a contact is in trouble: frame by frame, through [`Sensor`].
 
-use crate::common::script::{Drawn, QUIET_FRAMES, RATE_HZ};
-use crate::common::source::Listed;
-use crate::common::{Bench, PAPER, Recording};
+use crate::common::*;
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::eit_hw::{Frame, Unit};
 use eit_skin::live::{LiveModel, LiveStream, SkinState, TouchFrame};
@@ -53,7 +51,6 @@ fn sent() -> Vec<Frame> {
     frames(&HELD.values)
 }
 
-/// What is told of a frame.
 #[derive(Debug)]
 struct Output {
     frame: usize,
@@ -62,10 +59,6 @@ struct Output {
     faults: Vec<usize>,
     whole: bool,
     state: SkinState,
-}
-
-fn off_m(touch: &Touch, [x, y]: [f64; 2]) -> f64 {
-    (touch.position_m[0] - x).hypot(touch.position_m[1] - y)
 }
 
 impl Output {
@@ -118,13 +111,24 @@ fn is_touched((_, touches): &(u64, String)) -> bool {
     touches != "[]"
 }
 
+/// Touches, faults and states of a sensor that these frames are pushed to.
+fn told(frames: &[Frame]) -> Vec<Output> {
+    output(&mut sensor(), frames)
+}
+
+/// The first frame in which an electrode is named.
+fn named(output: &[Output]) -> (usize, &[usize]) {
+    let named = output.iter().find(|output| !output.faults.is_empty()).unwrap();
+    (named.frame, &named.faults)
+}
+
 /// An instrument that sends one frame again and again says nothing of the skin; the finger of that frame ends.
 #[test]
 fn a_frozen_instrument_is_reported() {
     let mut sent = sent();
     let old = sent[70].values.clone();
     sent[70..].iter_mut().for_each(|frame| frame.values.clone_from(&old));
-    let output = output(&mut sensor(), &sent);
+    let output = told(&sent);
     // from the tenth equal frame on
     for output in &output {
         assert_eq!(output.state == SkinState::Frozen, output.frame >= 79, "{output:?}");
@@ -139,20 +143,18 @@ fn a_frozen_instrument_is_reported() {
 fn an_outage_does_not_swallow_a_finger() {
     let mut sent = sent();
     sent[70..78].iter_mut().for_each(|frame| frame.values.fill(0.0));
-    let output = output(&mut sensor(), &sent);
+    let output = told(&sent);
     // electrodes are used again after a second
     let is_found = |output: &Output| output.touches.len() == 1 && output.faults.is_empty();
     assert!(within(&output, 102, 110).all(is_found), "{output:?}");
     found(&output);
 }
 
-/// No measurement has a reciprocal: an electrode that does not conduct any more is named all the same, and the finger
-/// goes on.
+/// An electrode that does not conduct any more is named without a reciprocal measurement; the finger goes on.
 #[test]
 fn a_lost_electrode_is_named_without_reciprocity() {
     for drive in ["opposite", "skip-3"] {
-        let text = Scene::text("paper-disc").unwrap();
-        let text = text.replace("drive = \"adjacent\"", &format!("drive = \"{drive}\""));
+        let text = with_drive(drive);
         let scene = |more: &str| Scene::parse(&(text.clone() + more), "scene").unwrap();
         let (sound, lost) = (scene(""), scene("\n[fabric.instrument]\nlost = [5]\n"));
         let [before, after] = [&sound, &lost]
@@ -161,8 +163,8 @@ fn a_lost_electrode_is_named_without_reciprocity() {
         for from in [44, 70] {
             let sent = [&before[..from], &after[from..]].concat();
             let output = output(&mut skin(&sound).sensor().unwrap(), &sent);
-            let named = output.iter().find(|output| !output.faults.is_empty()).unwrap();
-            assert!(named.frame <= from + 4 && named.faults == [4], "{named:?}");
+            let (frame, faults) = named(&output);
+            assert!(frame <= from + 4 && faults == [4], "{frame}: {faults:?}");
             let is_held = |output: &Output| output.touches.len() == 1 && !output.whole;
             assert!(within(&output, 75, 100).all(is_held), "{output:?}");
             found(&output);
@@ -177,9 +179,9 @@ fn a_step_under_a_finger_is_named() {
         let mut sent = sent();
         let involved = PAPER.measurements_of(electrode);
         sent[70..].iter_mut().for_each(|f| involved.iter().for_each(|i| f.values[*i] *= gain));
-        let output = output(&mut sensor(), &sent);
-        let named = output.iter().find(|output| !output.faults.is_empty()).unwrap();
-        assert!(named.frame <= 72 && named.faults == [electrode], "{named:?}");
+        let output = told(&sent);
+        let (frame, faults) = named(&output);
+        assert!(frame <= 72 && faults == [electrode], "{frame}: {faults:?}");
         let is_found = |output: &Output| output.touches.len() == 1;
         assert!(within(&output, 73, 120).all(is_found), "{electrode} {gain}: {output:?}");
         found(&output);
@@ -196,7 +198,7 @@ fn a_loose_contact_is_no_touch() {
     for seed in [1, 2, 7] {
         let mut script = Drawn::new(seed, 0).script();
         script.frames = 600;
-        let output = output(&mut sensor(), &frames(&bench.simulate(&script, seed).values));
+        let output = told(&frames(&bench.simulate(&script, seed).values));
         shown += output.iter().filter(|output| !output.touches.is_empty()).count();
         unexplained += output.iter().filter(|output| output.state != SkinState::Sound).count();
     }
@@ -287,7 +289,7 @@ fn a_reference_is_the_one_that_is_told() {
 /// Functions of the voltage are named from the untouched skin; with that in the scene the same finger is found.
 #[test]
 fn values_that_are_no_voltages_are_named_and_converted() {
-    let wanted = found(&output(&mut sensor(), &sent())).len();
+    let wanted = found(&told(&sent())).len();
     for (kind, of) in [
         (ValueKind::Reciprocal, (|v: f64| 1e3 / v.abs()) as fn(f64) -> f64),
         (ValueKind::Decibel, |v| 20.0 * v.abs().log10()),
@@ -297,8 +299,8 @@ fn values_that_are_no_voltages_are_named_and_converted() {
         sent.iter_mut().flat_map(|frame| &mut frame.values).for_each(|v| *v = of(*v));
         let mut blind = sensor();
         output(&mut blind, &sent);
-        let named = format!("values = \"{}\"", kind.name().0);
-        assert!(blind.notes().iter().any(|note| note.contains(&named)), "{:?}", blind.notes());
+        let (notes, named) = (blind.notes(), format!("values = \"{}\"", kind.name().0));
+        assert!(notes.iter().any(|note| note.contains(&named)), "{notes:?}");
         let mut skin = DISC.clone();
         skin.settings.recording.values = kind;
         let mut sensor = skin.sensor().unwrap();
@@ -312,8 +314,7 @@ fn values_that_are_no_voltages_are_named_and_converted() {
     }
 }
 
-/// Live frames do not wait, and are not searched, while the detector is set up. Those of a recording do, but for those that
-/// were not searched, if it tells them.
+/// While the detector is set up, live frames are not searched; those of a recording are, but for those it tells.
 #[test]
 fn live_frames_do_not_wait_for_the_set_up() {
     const LAST: u64 = 42;
@@ -338,8 +339,7 @@ fn live_frames_do_not_wait_for_the_set_up() {
     assert_eq!(run(Some(told(None)), false).0[0].0, 40);
 }
 
-/// With a new reference nothing from before is shown, and no id is used twice. A `first_frame` of the scene's recording,
-/// which live frames do not have, is no obstacle.
+/// Nothing from before is shown, no id used twice. A `first_frame` of the scene's recording is no obstacle.
 #[test]
 fn a_new_reference_forgets_touches_and_continues_their_ids() {
     let mut skin = DISC.clone();
@@ -364,7 +364,7 @@ fn a_new_reference_forgets_touches_and_continues_their_ids() {
 /// A frame at full scale, or too large by a factor, even a small one that touches might explain, costs itself only.
 #[test]
 fn a_damaged_frame_costs_itself_only() {
-    let sound = found(&output(&mut sensor(), &sent()));
+    let sound = found(&told(&sent()));
     let full_v = 1.25 * HELD.largest_v();
     let damaged = [(None, 60), (Some(10.0), 75), (Some(1.3), 90), (Some(1.1), 105), (None, 115)];
     let mut sent = sent();
@@ -372,7 +372,7 @@ fn a_damaged_frame_costs_itself_only() {
         let damage = |v: &mut f64| *v = factor.map_or(full_v, |factor| factor * *v);
         sent[at].values.iter_mut().for_each(damage);
     }
-    let output = output(&mut sensor(), &sent);
+    let output = told(&sent);
     let left = found(&output);
     for (factor, at) in damaged {
         let missing = sound.iter().filter(|k| (at + 1..at + 10).contains(*k) && !left.contains(k));
@@ -418,8 +418,7 @@ fn touches_are_on_the_skin() {
     for row in &touches.rows {
         let [x, y, _] = row.touch.position_m;
         // rounding
-        let is_on = x.abs() <= 0.05 + 1e-9 && y.abs() <= 0.035 + 1e-9;
-        assert!(is_on, "frame {}: {x} {y}", row.frame);
+        assert!(x.abs() <= 0.05 + 1e-9 && y.abs() <= 0.035 + 1e-9, "frame {}: {x} {y}", row.frame);
     }
 }
 
@@ -434,7 +433,7 @@ fn what_is_wrong_from_the_start_is_named() {
         let faulty: Vec<usize> = touches.faults.iter().map(|fault| fault.electrode).collect();
         assert_eq!(faulty, [5], "{value}");
         assert!(touches.rows.iter().all(|row| !row.touch.whole), "{value}");
-        let output = output(&mut sensor(), &frames(&broken.values));
+        let output = told(&frames(&broken.values));
         assert!(output.iter().all(|output| !output.whole && output.faults == [5]), "{value}");
         assert!(touches.frames_with_touch() + 3 >= sound.frames_with_touch(), "{value}");
     }
@@ -463,7 +462,6 @@ fn a_reference_of_another_level_is_reported() {
     }
 }
 
-/// While the reference waits for the skin to rest, the stream says so.
 #[test]
 fn a_reference_that_waits_says_why() {
     let mut stream = stream();
@@ -492,9 +490,7 @@ fn what_goes_on_after_its_end_is_another_touch() {
     let ended = last.touches[0];
     assert_eq!((ended.id, ended.state, ended.valid), (before.id, TouchState::End, false));
     assert!(stream.end().is_none() && stream.shown().is_none(), "said once");
-    let after = touched(&mut stream);
-    assert_eq!(after.state, TouchState::Begin);
+    let [after, next] = [0; 2].map(|_| touched(&mut stream));
     assert!(after.id > before.id, "{} after {}", after.id, before.id);
-    let next = touched(&mut stream);
-    assert_eq!((next.id, next.state), (after.id, TouchState::Hold));
+    assert_eq!((after.state, next.state, next.id), (TouchState::Begin, TouchState::Hold, after.id));
 }

@@ -1,8 +1,6 @@
 //! The weave of a fabric, from the reference frame alone, and touches on it.
 
-use crate::common::Bench;
-use crate::common::score::{ANY, Bars};
-use crate::common::script::QUIET_FRAMES;
+use crate::common::*;
 use eit_skin::eit_fem::fabric::FabricSettings;
 use eit_skin::scene::Scene;
 use eit_skin::{FoundWeave, Skin, Weave};
@@ -76,8 +74,7 @@ fn touches_on_a_weave() {
     let mut stated = unknown.clone();
     (stated.skin.weave_ratio, stated.skin.weave_angle_deg) = (Some(1.8), Some(30.0));
     let [unknown, stated] = [unknown, stated].map(|scene| Bench::believing(&measured, &scene));
-    let recordings =
-        unknown.draw([21], 2, |drawn, _| (0..5).for_each(|_| _ = drawn.press(0.7..2.0)));
+    let recordings = unknown.draw([21], 2, |drawn, _| drawn.presses(5, 0.7..2.0));
     for (bench, is_stated) in [(unknown, false), (stated, true)] {
         let fitted = bench.fit(&recordings[0]);
         assert_eq!(fitted.weave.is_some(), !is_stated);

@@ -2,14 +2,13 @@
 //!
 //! The data come from a mesh of their own, which shares no position or integral with the detector's.
 
-use super::{adjacent, disc, jacobian};
+use super::{RADIUS_M, adjacent, disc, jacobian};
 use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use eit_mesh::Surface;
 use fixtures::Random;
 use ndarray::{Array1, Array2, Axis};
 use std::sync::LazyLock;
 
-pub const RADIUS_M: f64 = 0.1;
 pub const ELECTRODES: usize = 16;
 pub const MEASUREMENTS: usize = 208;
 pub const DT_S: f64 = 0.05;
@@ -36,7 +35,7 @@ pub struct Disc {
 impl Disc {
     pub fn new(rings: usize) -> Self {
         let surface = disc(RADIUS_M, rings);
-        let jacobian = jacobian(&surface, RADIUS_M, ELECTRODES);
+        let jacobian = jacobian(&surface, ELECTRODES);
         let model_v = -jacobian.sum_axis(Axis(1));
         let quadruples = adjacent(ELECTRODES);
         let twin = |&[a, b, m, n]: &[usize; 4]| {
@@ -75,8 +74,7 @@ impl Disc {
         TouchDetector::new(&self.model(&[true; MEASUREMENTS]), settings).unwrap()
     }
 
-    /// Voltage changes by a finger: a bell `exp(-(d / 7 mm)^2)` with a tail of 5 % and 12 mm, zero beyond
-    /// 5.5 times those 7 mm.
+    /// Voltage changes by a finger: a bell of 7 mm with a tail of 5 % and 12 mm, zero beyond 38.5 mm.
     pub fn touch_v(&self, [x, y]: [f64; 2], strength_s_m2: f64) -> Array1<f64> {
         let bell = |c: &[f64; 3]| {
             let d_m = (c[0] - x).hypot(c[1] - y);
@@ -101,6 +99,11 @@ pub fn touched(touches: &[([f64; 2], f64)]) -> Vec<f64> {
     let mut frame = Array1::from(SKIN.model_v.clone());
     touches.iter().for_each(|&(at, strength)| frame += &TRUTH.touch_v(at, strength));
     frame.to_vec()
+}
+
+/// A frame with touches and noise.
+pub fn noisy(random: &mut Random, touches: &[([f64; 2], f64)]) -> Vec<f64> {
+    random.noisy(&touched(touches), SKIN.noise_std_v[0])
 }
 
 pub fn push(detector: &mut TouchDetector, frame: &[f64]) -> Vec<DetectedTouch> {

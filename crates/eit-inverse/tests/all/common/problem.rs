@@ -5,7 +5,12 @@ use eit_inverse::{
     StTvSettings, Stop,
 };
 use fixtures::st_tv::StTvProblem;
-use ndarray::{Array1, Array2};
+use ndarray::{Array1, Array2, ArrayView1, Axis, aview1};
+
+/// A rectangle of pixels of 1 m.
+pub fn square(rows: usize, columns: usize) -> Gradient {
+    Gradient::pixels(&Array2::from_elem((rows, columns), true), 1.0).unwrap()
+}
 
 pub fn gap(target_gap: f64) -> Stop {
     Stop { target_gap, ..Default::default() }
@@ -43,9 +48,20 @@ impl Problem {
         self
     }
 
+    pub fn within(mut self, bounds: [f64; 2]) -> Self {
+        [self.settings.lower_s, self.settings.upper_s] = bounds;
+        self
+    }
+
     pub fn constrained(mut self, delta: f64) -> Self {
         self.settings.fidelity = Fidelity::Constrained { delta };
         self
+    }
+
+    /// Makes this the only frame.
+    pub fn set(&mut self, values: &[f64], good: &[bool]) {
+        self.values = aview1(values).insert_axis(Axis(0)).to_owned();
+        self.good = Some(aview1(good).insert_axis(Axis(0)).to_owned());
     }
 
     pub fn differences(&self) -> DifferenceFrames<'_> {
@@ -77,48 +93,37 @@ impl Problem {
         self.values.nrows()
     }
 
-    /// `W^1/2` of a channel in a frame; 0 if it is unused or masked.
-    pub fn root_weight(&self, frame: usize, measurement: usize) -> f64 {
-        let used = self.settings.used.as_ref().is_none_or(|used| used[measurement]);
-        let good = self.good.as_ref().is_none_or(|good| good[(frame, measurement)]);
-        match (used && good, &self.settings.noise_std) {
-            (false, _) => 0.0,
-            (true, None) => 1.0,
-            (true, Some(noise_std)) => 1.0 / noise_std[measurement],
-        }
+    /// `W^1/2` of the channels of a frame; 0 if unused or masked.
+    pub fn root_weights(&self, frame: usize) -> Array1<f64> {
+        let used = |i: usize| self.settings.used.as_ref().is_none_or(|used| used[i]);
+        let good = |i: usize| self.good.as_ref().is_none_or(|good| good[(frame, i)]);
+        let noise = |i: usize| self.settings.noise_std.as_ref().map_or(1.0, |std| std[i]);
+        let weight = |i: usize| if used(i) && good(i) { 1.0 / noise(i) } else { 0.0 };
+        Array1::from_shape_fn(self.values.ncols(), weight)
     }
 
     /// `W^1/2 dv` of a frame, 0 in unused and masked channels.
     pub fn whitened(&self, frame: usize) -> Array1<f64> {
-        let value = |i: usize| match self.root_weight(frame, i) {
-            0.0 => 0.0,
-            weight => weight * self.values[(frame, i)],
-        };
-        Array1::from_shape_fn(self.values.ncols(), value)
+        let mut data = self.root_weights(frame);
+        // masked values may be NaN
+        data.zip_mut_with(&self.values.row(frame), |w, v| *w *= if *w > 0.0 { *v } else { 0.0 });
+        data
     }
 
     /// `delta` of a frame: `delta` times the root of the fraction of its good channels.
     pub fn radius(&self, frame: usize) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.settings.fidelity else { return None };
-        let count = self.values.ncols();
-        let good = (0..count).filter(|&i| self.root_weight(frame, i) > 0.0).count();
-        let used = match &self.settings.used {
-            Some(used) => used.iter().filter(|used| **used).count(),
-            None => count,
-        };
+        let good = self.root_weights(frame).iter().filter(|weight| **weight > 0.0).count();
+        let used = self.settings.used.as_ref();
+        let used = used.map_or(self.values.ncols(), |used| used.iter().filter(|u| **u).count());
         Some(delta * (good as f64 / used as f64).sqrt())
     }
 
     /// `|W^1/2 (J x_t - dv_t)|` of each frame.
     pub fn residuals(&self, images: &Array2<f64>) -> Vec<f64> {
-        let one = |frame: usize| -> f64 {
-            let explained = self.jacobian.dot(&images.row(frame));
-            let data = self.whitened(frame);
-            let error = |i: usize| match self.root_weight(frame, i) {
-                0.0 => 0.0,
-                weight => weight * explained[i] - data[i],
-            };
-            (0..data.len()).map(|i| error(i).powi(2)).sum::<f64>().sqrt()
+        let one = |frame: usize| {
+            let explained = self.jacobian.dot(&images.row(frame)) * self.root_weights(frame);
+            (explained - self.whitened(frame)).pow2().sum().sqrt()
         };
         (0..self.frames()).map(one).collect()
     }
@@ -130,21 +135,18 @@ impl Problem {
             Fidelity::Constrained { .. } => 0.0,
             _ => self.residuals(images).iter().map(|r| 0.5 * r * r).sum(),
         };
-        let in_space = |image: ndarray::ArrayView1<'_, f64>| {
-            self.gradient.total_variation(&image.to_vec()).unwrap()
-        };
+        let in_space =
+            |image: ArrayView1<'_, f64>| self.gradient.total_variation(&image.to_vec()).unwrap();
         let space: f64 = images.outer_iter().map(in_space).sum();
-        let areas = Array1::from(self.gradient.areas_m2().to_vec());
-        let pairs = images.outer_iter().zip(images.outer_iter().skip(1));
-        let time: f64 =
-            pairs.map(|(before, after)| (&after - &before).mapv(f64::abs).dot(&areas)).sum();
+        let changes = &images.slice_axis(Axis(0), (1..).into())
+            - &images.slice_axis(Axis(0), (..self.frames() - 1).into());
+        let time = changes.abs().dot(&aview1(self.gradient.areas_m2())).sum();
         data + lambda_space * space + lambda_time * time
     }
 
-    /// Half the squared whitened data: the objective of the zero sequence in the penalised form, and the
-    /// scale of the rounding errors of residuals.
+    /// Half the squared whitened data: the penalised objective of zero, and the scale of rounding errors.
     pub fn size(&self) -> f64 {
-        (0..self.frames()).map(|t| 0.5 * self.whitened(t).mapv(|v| v * v).sum()).sum()
+        (0..self.frames()).map(|t| 0.5 * self.whitened(t).pow2().sum()).sum()
     }
 
     /// Rounding error of the objective of a sequence, from residuals, which are differences of values as
@@ -155,14 +157,13 @@ impl Problem {
             Fidelity::Constrained { .. } => 0.0,
             _ => self.size(),
         };
-        let mut weights = 2.0 * lambda_time * Array1::from(self.gradient.areas_m2().to_vec());
+        let mut weights = 2.0 * lambda_time * &aview1(self.gradient.areas_m2());
         for row in 0..self.gradient.rows() {
             let (columns, values) = self.gradient.row(row);
             let entries = columns.iter().zip(values);
             entries.for_each(|(&p, v)| weights[p as usize] += lambda_space * v.abs());
         }
-        let variation = images.mapv(f64::abs).dot(&weights).sum();
-        1e-13 * data + 1e-15 * variation
+        1e-13 * data + 1e-15 * images.abs().dot(&weights).sum()
     }
 
     /// Checks the properties of every result: images exactly within bounds, report and objective equal to
@@ -185,8 +186,7 @@ impl Problem {
         assert!(off <= 1e-9 * wanted + floor, "primal value {found:e}, images have {wanted:e}");
         let root = (2.0 * self.size()).sqrt();
         for (t, (found, wanted)) in report.residual.iter().zip(self.residuals(images)).enumerate() {
-            // the unexplained part of the data is a difference of squares of up to 26 terms: tolerance is
-            // the root of their rounding error
+            // a difference of squares of up to 26 terms: the root of their rounding error
             let off = (found - wanted).abs();
             assert!(off <= 1e-9 * wanted + 1e-7 * root, "frame {t}: {found:e}, not {wanted:e}");
             if let Some(delta) = self.radius(t) {

@@ -1,10 +1,14 @@
 //! Touches on a simulated fabric, from a seeded script to their score.
 
 #[cfg(feature = "learn")]
-pub mod presses;
-pub mod score;
-pub mod script;
-pub mod source;
+mod presses;
+mod score;
+mod script;
+mod source;
+
+#[cfg(feature = "learn")]
+pub use presses::*;
+pub use {score::*, script::*, source::*};
 
 use eit_skin::eit_fem::fabric::{PlayCircle, Random, SimulationSettings, TouchScript, TrueTouch};
 use eit_skin::eit_mesh::Raster;
@@ -12,15 +16,10 @@ use eit_skin::ndarray::{Array2, Axis};
 use eit_skin::scene::{Reference, Scene};
 use eit_skin::touches::{Touches, touches};
 use eit_skin::{FittedFrames, LinearisedSkin, MeshOverride, Progress, Skin};
-use score::Score;
-use script::{Drawn, QUIET_FRAMES, RATE_HZ};
 use std::sync::{Arc, LazyLock};
 
 /// Nodes of the mesh that simulates; the one that reconstructs is the scene's own.
 const NODES: usize = 3000;
-
-/// Pixels of the truth's images, which no test uses.
-const PIXELS: usize = 8;
 
 /// Seeds of scripts and fabrics: most scripts are drawn three times.
 pub const SEEDS: [u64; 3] = [71, 81, 91];
@@ -35,13 +34,19 @@ pub struct Bench {
 pub static PAPER: LazyLock<Bench> = LazyLock::new(|| Bench::of("paper-disc"));
 
 /// Six fingers that land at once, in regular hexagons on the paper's skin.
-pub static HEXAGONS: LazyLock<Vec<Recording>> = LazyLock::new(|| {
+pub static HEXAGONS: LazyLock<[Recording; 3]> = LazyLock::new(|| {
     PAPER.draw(SEEDS, 6, |drawn, _| {
         for (radius_m, angle) in [(0.06, 0.0), (0.06, 0.2), (0.05, 0.4), (0.07, 0.1)] {
             drawn.ring(radius_m, angle, 1.5);
         }
     })
 });
+
+/// The paper's scene with another pattern of drive.
+pub fn with_drive(drive: &str) -> String {
+    let text = Scene::text("paper-disc").unwrap();
+    text.replace("drive = \"adjacent\"", &format!("drive = \"{drive}\""))
+}
 
 /// The skin of a scene on a mesh of this many nodes.
 pub fn meshed(scene: &Scene, nodes: usize) -> Skin {
@@ -80,7 +85,8 @@ impl Bench {
     /// One scene is measured, the frames are taken for those of another.
     pub fn believing(measured: &Scene, scene: &Scene) -> Self {
         let simulated = meshed(measured, NODES);
-        let raster = Raster::new(simulated.mesh.surface(), PIXELS).unwrap();
+        // for images of the truth, which no test uses
+        let raster = Raster::new(simulated.mesh.surface(), 8).unwrap();
         let linearised = quiet_first(Skin::from_scene(scene.clone()).unwrap());
         Self { simulated, raster, linearised }
     }
@@ -94,18 +100,17 @@ impl Bench {
     }
 
     /// Draws and simulates a script with each seed.
-    pub fn draw(
+    pub fn draw<const N: usize>(
         &self,
-        seeds: impl IntoIterator<Item = u64>,
+        seeds: [u64; N],
         fingers: u32,
         draw: impl Fn(&mut Drawn, u64),
-    ) -> Vec<Recording> {
-        let recording = |seed| {
+    ) -> [Recording; N] {
+        seeds.map(|seed| {
             let mut drawn = Drawn::new(seed, fingers);
             draw(&mut drawn, seed);
             self.simulate(&drawn.script(), seed)
-        };
-        seeds.into_iter().map(recording).collect()
+        })
     }
 
     pub fn script(&self, name: &str, seed: u64) -> TouchScript {
@@ -161,10 +166,8 @@ impl Recording {
     /// Opens an electrode: its inputs float, so what it drives or measures is noise of a tenth of the largest voltage.
     pub fn open(&mut self, electrode: usize, frames: std::ops::Range<usize>, random: &mut Random) {
         let (largest, lost) = (self.largest_v(), PAPER.measurements_of(electrode));
-        for frame in frames {
-            for &i in &lost {
-                self.values[[frame, i]] = 0.1 * largest * random.normal();
-            }
+        for (frame, &i) in frames.flat_map(|frame| lost.iter().map(move |i| (frame, i))) {
+            self.values[[frame, i]] = 0.1 * largest * random.normal();
         }
     }
 

@@ -41,7 +41,3 @@ pub fn strongest(rows: &[TouchRow], frame: usize) -> Option<&TouchRow> {
     let of_frame = rows.iter().filter(|row| row.frame == frame);
     of_frame.max_by(|a, b| strength(a).total_cmp(&strength(b)))
 }
-
-pub fn off_m(row: &TouchRow, [x, y]: [f64; 2]) -> f64 {
-    (row.touch.position_m[0] - x).hypot(row.touch.position_m[1] - y)
-}

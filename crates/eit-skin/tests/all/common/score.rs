@@ -1,7 +1,7 @@
 //! Comparison of touches with the truth, as a robot would experience them.
 
 use super::Recording;
-use super::script::{QUIET_FRAMES, RATE_HZ, distance_m};
+use super::script::{QUIET_FRAMES, RATE_HZ};
 use eit_skin::eit_fem::fabric::TrueTouch;
 use eit_skin::touches::{TouchRow, Touches};
 use eit_skin::{Touch, TouchState};
@@ -114,12 +114,7 @@ impl Score {
         if fingers.is_empty() {
             return false;
         }
-        let far = |finger: &&TrueTouch| {
-            let off = |touch: &Touch| {
-                distance_m(finger.position_m, [touch.position_m[0], touch.position_m[1]])
-            };
-            here.iter().map(off).collect()
-        };
+        let far = |f: &&TrueTouch| here.iter().map(|touch| off_m(touch, f.position_m)).collect();
         let far: Vec<Vec<f64>> = fingers.iter().map(far).collect();
         let pairs = assign(&far, &[]).1;
         self.touched += 1;
@@ -149,11 +144,9 @@ fn assign(far: &[Vec<f64>], chosen: &[Option<usize>]) -> (f64, Vec<Option<usize>
 }
 
 pub fn median(values: &[f64]) -> f64 {
-    quantile_of(values, 0.5)
+    eit_core::quantile(values, 0.5).unwrap()
 }
 
-pub fn quantile_of(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(part * (sorted.len() - 1) as f64).round() as usize]
+pub fn off_m(touch: &Touch, [x, y]: [f64; 2]) -> f64 {
+    (touch.position_m[0] - x).hypot(touch.position_m[1] - y)
 }

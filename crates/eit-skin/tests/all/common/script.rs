@@ -39,12 +39,8 @@ pub struct Drawn {
 
 impl Drawn {
     pub fn new(seed: u64, fingers: u32) -> Self {
-        let finger = |id| Finger {
-            id,
-            tip: Tip::Round,
-            interpolation: Default::default(),
-            keys: Vec::new(),
-        };
+        let (tip, interpolation) = (Tip::Round, Default::default());
+        let finger = |id| Finger { id, tip, interpolation, keys: Vec::new() };
         Self {
             random: Random::named(seed, "places", 0),
             fingers: (1..=fingers).map(finger).collect(),
@@ -64,6 +60,10 @@ impl Drawn {
         self.after(HOLD_S)
     }
 
+    pub fn presses(&mut self, count: usize, force_n: Range<f64>) {
+        (0..count).for_each(|_| _ = self.press(force_n.clone()));
+    }
+
     /// All fingers press at once, at these places.
     pub fn press_at(&mut self, places: &[Place], force_n: Range<f64>) -> &mut Self {
         for (finger, &at) in places.iter().enumerate() {
@@ -76,11 +76,8 @@ impl Drawn {
     /// All fingers press at once, at the corners of a regular polygon about the middle of the disc.
     pub fn ring(&mut self, radius_m: f64, first_angle: f64, force_n: f64) -> &mut Self {
         let count = self.fingers.len();
-        let corner = |finger: usize| {
-            let angle = first_angle + TAU * finger as f64 / count as f64;
-            [radius_m * angle.cos(), radius_m * angle.sin()]
-        };
-        let corners: Vec<Place> = (0..count).map(corner).collect();
+        let angle = |finger: usize| first_angle + TAU * finger as f64 / count as f64;
+        let corners: Vec<Place> = (0..count).map(|k| polar(radius_m, angle(k))).collect();
         self.press_at(&corners, force_n..force_n)
     }
 
@@ -109,18 +106,13 @@ impl Drawn {
     pub fn close_in(&mut self, angle: f64, force_n: f64, far_m: f64, near_m: f64) -> &mut Self {
         let time_s = 0.5 * (far_m - near_m) / SLIDE_M_S;
         for (finger, turn) in self.fingers.iter_mut().zip([0.0, PI]) {
-            let (sin, cos) = (angle + turn).sin_cos();
             let mut now_s = self.next_s;
-            for (wait_s, apart_m, force_n) in [
-                (0.0, far_m, 0.0),
-                (RAMP_S, far_m, force_n),
-                (time_s, near_m, force_n),
-                (0.5, near_m, force_n),
-                (time_s, far_m, force_n),
-                (RAMP_S, far_m, 0.0),
-            ] {
+            let waits_s = [0.0, RAMP_S, time_s, 0.5, time_s, RAMP_S];
+            let apart_m = [far_m, far_m, near_m, near_m, far_m, far_m];
+            let forces_n = [0.0, force_n, force_n, force_n, force_n, 0.0];
+            for ((wait_s, apart_m), force_n) in waits_s.into_iter().zip(apart_m).zip(forces_n) {
                 now_s += wait_s;
-                finger.keys.push(key(now_s, [0.5 * apart_m * cos, 0.5 * apart_m * sin], force_n));
+                finger.keys.push(key(now_s, polar(0.5 * apart_m, angle + turn), force_n));
             }
         }
         self.after(2.0 * time_s + 0.5)
@@ -167,6 +159,10 @@ impl Drawn {
 
 fn key(time_s: f64, position_m: Place, force_n: f64) -> Key {
     Key { time_s, position_m, force_n, radius_m: TIP_M }
+}
+
+pub fn polar(radius_m: f64, angle: f64) -> Place {
+    [radius_m * angle.cos(), radius_m * angle.sin()]
 }
 
 pub fn distance_m(a: Place, b: Place) -> f64 {

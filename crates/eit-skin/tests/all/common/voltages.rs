@@ -31,7 +31,7 @@ impl Bench {
         let quadruples = protocol.quadruples().unwrap().to_vec();
         // the distance between two pairs is also that of the exchanged ones
         let voltage = |&[a, _, m, _]: &[u32; 4]| {
-            let way = (a as f64 - m as f64).abs();
+            let way = f64::from(a.abs_diff(m));
             way.min(ELECTRODES as f64 - way).powi(-2)
         };
         Self {
@@ -49,18 +49,18 @@ impl Bench {
 
     /// Voltages under a touch that changes each pair of reciprocals by up to a fifth.
     pub fn frame(&mut self) -> Vec<f64> {
-        let mut touch = vec![0.0; MEASUREMENTS];
-        for i in 0..MEASUREMENTS {
-            let twin = self.monitor.reciprocal()[i];
-            touch[i] = if twin < i { touch[twin] } else { 0.2 * self.random.uniform() };
+        let mut touched = self.reference.clone();
+        for (i, &twin) in self.monitor.reciprocal().iter().enumerate() {
+            touched[i] = match twin < i {
+                true => touched[twin],
+                false => touched[i] * (1.0 - 0.2 * self.random.uniform()),
+            };
         }
-        (0..MEASUREMENTS)
-            .map(|i| self.reference[i] * (1.0 - touch[i]) + NOISE_V * self.random.normal())
-            .collect()
+        self.random.noisy(&touched, NOISE_V)
     }
 
     pub fn untouched(&mut self) -> Vec<f64> {
-        self.reference.iter().map(|v| v + NOISE_V * self.random.normal()).collect()
+        self.random.noisy(&self.reference, NOISE_V)
     }
 
     /// Pushes a frame whose measurements `broken` are replaced.
@@ -76,6 +76,12 @@ impl Bench {
         self.monitor.push(frame, &self.reference, is_good, self.time_s).unwrap();
         self.monitor.blame(None, self.time_s).unwrap();
         self.time_s += DT_S;
+    }
+
+    /// Pushes a frame whose measurements `flagged` are bad.
+    pub fn push_flagged(&mut self, flagged: &[usize]) {
+        let frame = self.frame();
+        self.push_frame(&frame, |i| !flagged.contains(&i));
     }
 
     pub fn push_healthy(&mut self, frames: usize) {
@@ -94,8 +100,7 @@ impl Bench {
     }
 
     pub fn check_missing(&self, wanted: &[usize]) {
-        let missing: Vec<usize> =
-            (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
+        let missing: Vec<_> = (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
         assert_eq!(missing, wanted);
     }
 }
