@@ -104,12 +104,10 @@ fn errors_are_those_of_the_covariance() {
 /// prior decides, the conductivity is right nevertheless, and a gain becomes part of it.
 #[test]
 fn what_data_do_not_tell_is_reported() {
-    let protocol = protocol(DrivenElectrodes::Drop);
-    let model = model(0.01, None, &protocol);
+    let model = model(0.01, None, &protocol(DrivenElectrodes::Drop));
     let mut random = Random::new(3);
     let clean = voltages(&model, SIGMA_S, &[CONTACT; 16]);
-    let noise = 0.2 * rms(&clean);
-    let frame = random.noisy(&clean, noise);
+    let frame = random.noisy(&clean, 0.2 * rms(&clean));
     let each = CalibrationSettings::starting_at(SIGMA_S, &[CONTACT; 16]);
     let found = Calibration::of_frame(&model, &frame, &each).unwrap();
     let std = found.std();
@@ -133,8 +131,7 @@ fn what_data_do_not_tell_is_reported() {
 
 #[test]
 fn bad_input_is_refused() {
-    let protocol = protocol(DrivenElectrodes::Keep);
-    let model = model(0.02, None, &protocol);
+    let model = model(0.02, None, &protocol(DrivenElectrodes::Keep));
     let frame = voltages(&model, SIGMA_S, &[CONTACT; 16]);
     let good = CalibrationSettings::starting_at(SIGMA_S, &[CONTACT; 16]);
     let says = |frame: &[f64], settings: &CalibrationSettings, wanted: &str| {

@@ -21,8 +21,7 @@ fn model_space(
     let weighted = &transposed * &weights;
     let gram = jacobian.dot(&solve(precision.clone(), transposed));
     let scale = gram.diag().dot(&weights) / noise_std.len() as f64;
-    let normal = weighted.dot(jacobian) + hyperparameter.powi(2) * scale * precision;
-    solve(normal, weighted)
+    solve(weighted.dot(jacobian) + hyperparameter.powi(2) * scale * precision, weighted)
 }
 
 #[test]
@@ -306,8 +305,7 @@ proptest! {
         let mut random = Random::new(seed);
         let (m, n) = (8, 11);
         let jacobian = random.normals(m, n);
-        let model_voltages_v = uniforms(&mut random, m, 0.2);
-        let data = DifferenceData::Normalised { model_voltages_v };
+        let data = DifferenceData::Normalised { model_voltages_v: uniforms(&mut random, m, 0.2) };
         let inverse =
             one_step(&jacobian, &IDENTITY, OneStepSettings { data, ..with_lambda(0.1) });
         let [frame, reference] =
@@ -383,8 +381,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
         let (status, image) = one(&frame, &[]).unwrap();
         assert_eq!(status, FrameStatus::Unchanged);
         let batch = ArrayView2::from_shape((1, 40), &reference).unwrap();
-        let batch = map.reconstruct_frames(batch, &reference).unwrap();
-        assert_eq!(image, batch.row(0).to_vec());
+        assert_eq!(image, map.reconstruct_frames(batch, &reference).unwrap().row(0).to_vec());
         // one bit of one measurement is a change, unless it is masked in this frame
         frame[5] = f64::from_bits(frame[5].to_bits() + 1);
         let (status, image) = one(&frame, &[]).unwrap();

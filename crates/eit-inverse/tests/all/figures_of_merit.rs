@@ -303,8 +303,7 @@ fn greit_refuses_impossible_targets() {
 fn blobs_are_joined_across_sides() {
     // four squares of 1 m, two triangles each
     let surface = grid(2, |i, j| [i as f64, j as f64, 0.0]);
-    let raster = Raster::new(&surface, 2).unwrap();
-    let pixels = Cells::of_raster(&raster);
+    let pixels = Cells::of_raster(&Raster::new(&surface, 2).unwrap());
     let count = |values: &[f64]| metrics::blobs(values, &pixels, Increase, 0.5).unwrap().len();
     // row by row: a row, a column, a diagonal
     let joined = [[1.0, 1.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]];
@@ -349,8 +348,7 @@ fn touches_are_paired_with_blobs() {
     assert_eq!((found.missed, found.extra), (1, 1));
     assert_eq!((found.errors_m[2], found.centres_m[2]), (None, None));
     assert_eq!(count(errors(&[], &settings)), (0, 3));
-    let quiet = TouchSettings { sign: Decrease, ..settings };
-    assert_eq!(count(errors(&truth, &quiet)), (3, 0));
+    assert_eq!(count(errors(&truth, &TouchSettings { sign: Decrease, ..settings })), (3, 0));
 
     let refused = |truth: &[[f64; 2]], settings: TouchSettings| {
         let errors = metrics::touch_position_errors_m(&values, cells, truth, &settings);
@@ -399,8 +397,7 @@ fn artefact_energy_of_a_bell() {
     }
     assert_eq!(energy(&[], 1.0), 1.0);
     assert_eq!(energy(&[place, [0.0; 2]], f64::INFINITY), 0.0);
-    let zero = vec![0.0; values.len()];
-    assert_eq!(metrics::artefact_energy(&zero, cells, &[], 0.0).unwrap(), None);
+    assert_eq!(metrics::artefact_energy(&vec![0.0; values.len()], cells, &[], 0.0).unwrap(), None);
     for (touch, d) in [([0.0; 2], -1.0), ([0.0; 2], f64::NAN), ([f64::INFINITY, 0.0], 1.0)] {
         refused!(metrics::artefact_energy(&values, cells, &[touch], d), OutOfRange { .. });
     }
@@ -482,8 +479,7 @@ proptest! {
         prop_assume!(mask.iter().filter(|m| **m).count() > 1);
         let found = score(&image, &truth).unwrap();
         prop_assert!((-1.0..=1.0).contains(&found));
-        let same = score(&truth, &truth).unwrap();
-        prop_assert!((same - 1.0).abs() < 1e-12);
+        prop_assert!((score(&truth, &truth).unwrap() - 1.0).abs() < 1e-12);
         // rounding of the unit, which otherwise cancels
         let scaled = score(&(&image * unit), &(&truth * unit)).unwrap();
         prop_assert!((scaled - found).abs() < 1e-10);
@@ -529,8 +525,7 @@ proptest! {
                                       [-0.1..0.1_f64, -0.1..0.1_f64], 1..6)) {
         // every second square of every second row, so that no two squares share a side
         let at = |k: usize| 0.02 * k as f64 - 0.08;
-        let surface = grid(8, |i, j| [at(i), at(j), 0.0]);
-        let cells = Cells::of_surface(&surface);
+        let cells = Cells::of_surface(&grid(8, |i, j| [at(i), at(j), 0.0]));
         let mut values = vec![0.0; 128];
         for c in &chosen {
             values[2 * (16 * (c / 4) + 2 * (c % 4))] = 1.0;

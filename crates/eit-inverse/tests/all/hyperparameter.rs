@@ -115,8 +115,7 @@ fn best_of(chosen: &ChosenHyperparameter, mut error: impl FnMut(f64) -> f64) -> 
 #[test]
 fn cross_validation_finds_the_lambda_of_least_prediction_error() {
     let (surface, jacobian) = &*SCENE;
-    let truth = Array1::from(target(surface, [0.03, 0.03], 0.025, 1.0));
-    let signal = jacobian.dot(&truth);
+    let signal = jacobian.dot(&Array1::from(target(surface, [0.03, 0.03], 0.025, 1.0)));
     let rms = (square(&signal) / 208.0).sqrt();
     let mut inverse = inverse_of(jacobian, &laplace(surface));
     for (seed, relative_noise) in [(21, 0.3), (22, 0.03), (23, 0.003)] {
@@ -167,8 +166,7 @@ fn residual_norm_counts_standard_deviations_of_the_given_noise() {
     for point in [curve[0], curve[curve.len() / 2], last] {
         inverse.set_hyperparameter(point.hyperparameter).unwrap();
         let images = inverse.reconstruct_frames(frames.view(), &ZERO).unwrap();
-        let left = &frames - &images.dot(&jacobian.t());
-        let direct = square(&(left / &noise_std));
+        let direct = square(&((&frames - &images.dot(&jacobian.t())) / &noise_std));
         let square = (point.residual_norm / noise_scale).powi(2);
         // for small lambda it is the difference of reciprocal measurements, with some cancellation
         assert!((square / direct - 1.0).abs() < 1e-6, "{point:?}: {square} for {direct}");
@@ -243,8 +241,7 @@ fn l_curve_curvature_is_that_of_the_curve() {
         let [ddx, ddy] = [0, 1].map(|k| (after[k] - 2.0 * here[k] + before[k]) / (step * step));
         let expected = (dx * ddy - ddx * dy) / (dx * dx + dy * dy).powf(1.5);
         // central differences of step 0.01 in log lambda: 1e-4 of the third derivatives
-        let error = (at.criterion - expected).abs();
-        assert!(error < 2e-4 * largest, "{at:?}: {expected}");
+        assert!((at.criterion - expected).abs() < 2e-4 * largest, "{at:?}: {expected}");
         assert!((at.residual_norm.ln() - here[0]).abs() < 1e-8);
         assert!((at.solution_norm.ln() - here[1]).abs() < 1e-8);
     }

@@ -92,8 +92,7 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
             // more: 2e-9 at 1e-3 (measured: 4e-9), 2e-12 at 0.03 (7e-12); with a margin of 4, and at least
             // the rounding error of a rebuild. Of 20 random scenes 9 satisfy this and the next bound;
             // others have smaller eigenvalues and up to 7 times the error
-            let tolerance = 1e-12_f64.max(1e-14 / hyperparameter.powi(2));
-            assert!(error < tolerance, "{case}: {error:e}");
+            assert!(error < 1e-12_f64.max(1e-14 / hyperparameter.powi(2)), "{case}: {error:e}");
             // from the singular values of the kept rows: the root of that error (measured: 1e-12)
             let error = relative_difference(&other, &expected);
             assert!(error < 4e-12, "{case}, restricted: {error:e}");
@@ -143,8 +142,7 @@ proptest! {
                 // estimates up to 1e-6 are accepted and correct within a factor of ten (worst of 20 000
                 // cases: 9e-6; with 20 of 21 masked the error may be larger)
                 prop_assert!(error < 1e-4, "{error:e}");
-                let sane = power < -3.0 || error < 1e-7;
-                prop_assert!(sane, "{error:e}");
+                prop_assert!(power < -3.0 || error < 1e-7, "{error:e}");
             }
             Err(error) => {
                 // only for lambda^2 below 1e-8, which no rule chooses for noisy data

@@ -95,8 +95,7 @@ fn batch(
         let ((s, i), (t, j)) = (rows[a], rows[b]);
         in_time[(s, t)] * data[(i, j)] + if a == b { mu * noise_std[i].powi(2) } else { 0.0 }
     });
-    let right = Array2::from_shape_fn((rows.len(), 1), |(a, _)| values[rows[a]]);
-    let dual = solve(system, right);
+    let dual = solve(system, Array2::from_shape_fn((rows.len(), 1), |(a, _)| values[rows[a]]));
     let images = Array2::from_shape_fn((frames, jacobian.ncols()), |(t, e)| {
         let parts = rows.iter().zip(dual.iter());
         parts.map(|(&(s, i), z)| in_time[(t, s)] * sensed[(i, e)] * z).sum()
@@ -560,8 +559,7 @@ fn a_frame_starts_from_the_frame_before() {
     // a sequence does not depend on the previous sequence
     assert_eq!(sequence(&mut method, &twice, None).images, images);
     // without a change the image is zero and no step is taken
-    let still = sequence(&mut method, &Array2::zeros((2, 40)), None).images;
-    assert!(still.iter().all(|x| *x == 0.0));
+    assert!(sequence(&mut method, &Array2::zeros((2, 40)), None).images.iter().all(|x| *x == 0.0));
     assert!(method.frame_reports().iter().all(|report| report.iterations == 0));
 }
 
@@ -599,8 +597,7 @@ fn settings_of_the_iterated_reconstruction_out_of_range_are_refused() {
         let decreased = with(AbsoluteSettings { relative_decrease, ..Default::default() });
         refused!(decreased, OutOfRange { .. });
     }
-    let never = with(AbsoluteSettings { max_iterations: 0, ..Default::default() });
-    refused!(never, OutOfRange { .. });
+    refused!(with(AbsoluteSettings { max_iterations: 0, ..Default::default() }), OutOfRange { .. });
     let negative = with(AbsoluteSettings { one_step: with_lambda(-1.0), ..Default::default() });
     refused!(negative, OutOfRange { .. });
 

@@ -29,8 +29,7 @@ fn settings_and_certificates_survive() {
     assert!(text.contains(r#""lower_s":null,"upper_s":null"#), "{text}");
     same(&StTvSettings::default());
     same(&StTvSettings { lower_s: 0.0, ..StTvSettings::default() });
-    let text = r#"{"primal":null,"lower_bound":0.0}"#;
-    let none: Certificate = serde_json::from_str(text).unwrap();
+    let none: Certificate = serde_json::from_str(r#"{"primal":null,"lower_bound":0.0}"#).unwrap();
     assert!(none.relative_gap().is_infinite());
     same(&none);
 }

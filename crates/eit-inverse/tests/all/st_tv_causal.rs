@@ -39,8 +39,8 @@ fn scene_on(
         let [angle, turn] = [0; 2].map(|_| TAU * random.uniform());
         for (p, (value, place)) in row.iter_mut().zip(&places).enumerate() {
             let (dx, dy) = (place[0] - 1.2 * angle.cos(), place[1] - 1.2 * angle.sin());
-            let dipole = turn.cos() * dx + turn.sin() * dy;
-            *value = weight(p) * dipole / (softness + dx * dx + dy * dy);
+            *value =
+                weight(p) * (turn.cos() * dx + turn.sin() * dy) / (softness + dx * dx + dy * dy);
         }
     }
     Setup { jacobian, gradient, places, noise: NOISE }
@@ -494,8 +494,7 @@ fn rest_dropped_frames_and_references() {
     let held = stream.push(&dv, None).unwrap().image.to_vec();
     assert!(held.iter().any(|x| *x > 0.1));
     assert_eq!(stream.push_dropped().image, held);
-    let none = vec![false; MEASUREMENTS];
-    let step = stream.push(&dv, Some(&none)).unwrap();
+    let step = stream.push(&dv, Some(&[false; MEASUREMENTS])).unwrap();
     assert_eq!(step.image, held);
     assert_eq!(step.status, SequenceStatus::Direct);
     // an anchor becomes the previous image

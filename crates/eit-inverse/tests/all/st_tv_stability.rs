@@ -193,8 +193,7 @@ fn parts_of_a_skin_that_share_their_data_are_certified() {
 #[test]
 fn a_part_that_no_channel_sees_is_certified() {
     // two parts of two pixels, the second without sensitivity
-    let mask = Array2::from_shape_fn((2, 3), |(_, j)| j != 1);
-    let gradient = Gradient::pixels(&mask, 1.0).unwrap();
+    let gradient = Gradient::pixels(&Array2::from_shape_fn((2, 3), |(_, j)| j != 1), 1.0).unwrap();
     let jacobian = array![[1.0, 0.0, 0.3, 0.0], [0.2, 0.0, 1.0, 0.0]];
     let problem = Problem::new(jacobian, gradient, array![[1.0, -1.0], [0.5, 2.0]]);
     for bounds in [UNBOUNDED, [0.0, f64::INFINITY], [-1.0, 3.0]] {
@@ -253,8 +252,7 @@ fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
             else {
                 panic!("{error}")
             };
-            let off = (named - delta).abs().max((least - smallest).abs());
-            assert!(off < 1e-9, "{named} {least}");
+            assert!((named - delta).abs().max((least - smallest).abs()) < 1e-9, "{named} {least}");
             let said = error.to_string();
             let names_bounds = said.contains("between 0e0 and") == is_bounded;
             assert!(said.starts_with("frame 1: delta is") && names_bounds, "{said}");
@@ -266,8 +264,7 @@ fn a_delta_that_no_image_within_bounds_meets_is_an_error() {
 #[test]
 fn images_that_miss_their_constraints_are_returned_with_their_residuals() {
     let problem = scene(3).constrained(0.5).within([0.0, f64::INFINITY]);
-    let stop = Stop { max_iterations: 2, ..gap(1e-3) };
-    let sequence = problem.solve(&stop);
+    let sequence = problem.solve(&Stop { max_iterations: 2, ..gap(1e-3) });
     assert_eq!(sequence.report.status, SequenceStatus::IterationCap);
     assert!(sequence.report.certificate.unwrap().primal.is_infinite());
     let wanted = problem.residuals(&sequence.images);
@@ -347,8 +344,7 @@ fn a_frame_without_any_channel_follows_its_neighbours() {
 
     // a sequence of such frames only
     problem.good = Some(Array2::from_elem((3, 26), false));
-    let sequence = problem.converged(&gap(1e-3));
-    assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
+    assert_eq!(bounds_of(&problem.converged(&gap(1e-3))), [0.0, 0.0]);
 }
 
 #[test]
@@ -360,8 +356,7 @@ fn settings_out_of_range_are_refused() {
         problem.solver()
     };
     for value in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let space = with(&|s| s.lambda_space = value);
-        refused!(space, OutOfRange { quantity: "lambda_space", .. });
+        refused!(with(&|s| s.lambda_space = value), OutOfRange { quantity: "lambda_space", .. });
         refused!(good.try_solve(&gap(value)), OutOfRange { quantity: "target_gap", .. });
         let of = |i| if i == 4 { value } else { 1.0 };
         let noise = with(&|s| s.noise_std = Some((0..26).map(of).collect()));
@@ -388,8 +383,7 @@ fn settings_out_of_range_are_refused() {
     // the same with set_weights, which changes nothing on an error
     let mut solver = good.solver().unwrap();
     for (space, time, delta) in [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, f64::NAN)] {
-        let fidelity = Fidelity::Constrained { delta };
-        assert!(solver.set_weights(space, time, fidelity).is_err());
+        assert!(solver.set_weights(space, time, Fidelity::Constrained { delta }).is_err());
         assert_eq!(solver.settings(), &good.settings);
     }
 }
@@ -401,8 +395,7 @@ fn jacobians_and_frames_that_do_not_fit_are_refused() {
         StTv::new(jacobian, gradient, StTvSettings::default())
     };
     refused!(new(&good.jacobian, &square(3, 3)), WrongLength { found: 20, wanted: 9, .. });
-    let empty = new(&Array2::zeros((0, 20)), &good.gradient);
-    refused!(empty, NothingUsed { measurements: 0 });
+    refused!(new(&Array2::zeros((0, 20)), &good.gradient), NothingUsed { measurements: 0 });
     refused!(new(&Array2::zeros((3, 20)), &good.gradient), NoSensitivity { .. });
     let mut problem = good.clone();
     problem.jacobian[(7, 3)] = f64::NAN;
@@ -414,8 +407,7 @@ fn jacobians_and_frames_that_do_not_fit_are_refused() {
     for poison in [f64::NAN, f64::INFINITY] {
         let mut problem = good.clone();
         problem.values[(1, 17)] = poison;
-        let poisoned = problem.try_solve(&gap(1e-3));
-        refused!(poisoned, NonFiniteData { frame: 1, measurement: 17, .. });
+        refused!(problem.try_solve(&gap(1e-3)), NonFiniteData { frame: 1, measurement: 17, .. });
     }
     for (values, flags, wanted) in [
         ((0, 26), None, "frames"),

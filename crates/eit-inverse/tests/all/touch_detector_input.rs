@@ -112,8 +112,7 @@ fn bad_models_are_refused_by_name() {
         TouchDetector::new(model, DetectorSettings::with_least(least_s_m2))
     };
     let all = [true; MEASUREMENTS];
-    let none = SKIN.model(&[false; MEASUREMENTS]);
-    refused!(new(&none, 1e-8), NothingUsed { measurements: 208 });
+    refused!(new(&SKIN.model(&[false; MEASUREMENTS]), 1e-8), NothingUsed { measurements: 208 });
     refused!(new(&SKIN.model(&all[1..]), 1e-8), WrongLength { .. });
     let said = |model: &DetectorModel<'_>, least_s_m2: f64, wanted: &str| {
         let error = new(model, least_s_m2).err().unwrap().to_string();
@@ -143,6 +142,5 @@ fn bad_models_are_refused_by_name() {
             if measurement == row && element == column && value.total_cmp(&bad).is_eq());
     }
     let (jacobian, reference_v) = (&broken, &reference_v[..]);
-    let model = DetectorModel { jacobian, reference_v, ..SKIN.model(&used) };
-    assert!(new(&model, 1e-8).is_ok());
+    assert!(new(&DetectorModel { jacobian, reference_v, ..SKIN.model(&used) }, 1e-8).is_ok());
 }

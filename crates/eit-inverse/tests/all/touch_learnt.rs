@@ -2,7 +2,7 @@
 //! not know, changes of each press that nothing explains, noise, and drift between presses.
 
 use crate::common::RADIUS_M;
-use crate::common::detector::{distance_m, normalised_squared, place};
+use crate::common::detector::{distance_m, normalised_squared};
 use eit_core::vector::distance;
 use eit_inverse::learn::{ModelResponses, Orientation, Presses, ResponseMap};
 use eit_inverse::touch::{LearntDetector, LearntSettings, Untouched};
@@ -31,7 +31,7 @@ struct Skin {
 impl Skin {
     fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
-        let at_m = (0..CHANNELS).map(|_| place(&mut random, 1.0)).collect();
+        let at_m = (0..CHANNELS).map(|_| place(&mut random, 0.1)).collect();
         let gains = (0..CHANNELS).map(|_| (0.5 * random.normal()).exp()).collect();
         Self { at_m, gains, random }
     }
@@ -61,10 +61,10 @@ impl Skin {
 
     /// Presses of strength 0.5 to 2 within 0.8 of the radius, and the model's responses.
     fn presses(&mut self, count: usize) -> (Presses, ModelResponses) {
-        let places: Vec<[f64; 2]> = (0..count).map(|_| place(&mut self.random, 0.8)).collect();
+        let places: Vec<[f64; 2]> = (0..count).map(|_| place(&mut self.random, 0.08)).collect();
         let mut frames = Array2::zeros((count, CHANNELS));
         for (mut row, at) in frames.rows_mut().into_iter().zip(&places) {
-            let strength = self.random.log_between(0.5, 2.0);
+            let strength = 0.5 * 4.0_f64.powf(self.random.uniform());
             row.assign(&Array1::from(self.frame(&[(*at, strength)])));
         }
         let candidates_m = eit_inverse::learn::candidates(MESH.surface(), 1000);
@@ -92,6 +92,15 @@ impl Skin {
     }
 }
 
+fn place(random: &mut Random, within_m: f64) -> [f64; 2] {
+    loop {
+        let [x, y] = [0; 2].map(|_| random.between(-within_m, within_m));
+        if x.hypot(y) <= within_m {
+            return [x, y];
+        }
+    }
+}
+
 fn errors_mm(found: &LearntDetector, truth: &[[f64; 2]]) -> Vec<f64> {
     let nearest = |at: &[f64; 2]| {
         let distances = found.touches().iter().map(|touch| 1e3 * distance_m(touch, *at));
@@ -107,10 +116,9 @@ fn presses_are_shown_where_they_are() {
     let mut detector = skin.detector(100);
     let (mut shown, mut within, mut errors) = (0, 0, Vec::new());
     for _ in 0..200 {
-        let quiet = skin.noise();
-        let step = detector.push(&quiet, |_| false).unwrap();
+        let step = detector.push(&skin.noise(), |_| false).unwrap();
         assert!(detector.touches().is_empty() && step.is_explained, "{step:?}");
-        let at = place(&mut skin.random, 0.8);
+        let at = place(&mut skin.random, 0.08);
         let frame = skin.frame(&[(at, 1.0)]);
         let step = detector.push(&frame, |_| false).unwrap();
         shown += usize::from(detector.touches().len() == 1 && step.is_explained);
@@ -171,7 +179,7 @@ fn missing_channels_cost_little() {
     let mut detector = skin.detector(100);
     let mut found = [Vec::new(), Vec::new(), Vec::new()];
     for _ in 0..40 {
-        let at = place(&mut skin.random, 0.8);
+        let at = place(&mut skin.random, 0.08);
         let mut frame = skin.frame(&[(at, 1.0)]);
         detector.leave_out(|_| false).unwrap();
         detector.push(&frame, |_| false).unwrap();

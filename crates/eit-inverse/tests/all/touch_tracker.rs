@@ -125,8 +125,7 @@ fn touches_are_held_while_nothing_is_known() {
     for _ in 0..5 {
         assert_eq!(only_state(&bench.push_unseen()), (1, TouchState::Hold, false));
     }
-    let back = bench.push(&[touch(0.02, 0.0, STRONG)]);
-    assert_eq!(only_state(&back), (1, TouchState::Hold, true));
+    assert_eq!(only_state(&bench.push(&[touch(0.02, 0.0, STRONG)])), (1, TouchState::Hold, true));
     let frames = 0..2 + (0.5 / DT_S) as u32;
     let touches: Vec<Touch> = frames.flat_map(|_| bench.push_unseen()).collect();
     let (last, held) = touches.split_last().unwrap();
@@ -142,8 +141,7 @@ fn forgiven_frames_then_the_end() {
         let mut bench = Bench::new(|settings| settings.forgiven_frames = forgiven);
         bench.push(&[touch(0.02, 0.0, STRONG)]);
         for missed in 0..forgiven {
-            let held = only_state(&bench.push(&[]));
-            assert_eq!(held, (1, TouchState::Hold, false), "{missed}");
+            assert_eq!(only_state(&bench.push(&[])), (1, TouchState::Hold, false), "{missed}");
         }
         let end = bench.push(&[]);
         assert_eq!(only_state(&end), (1, TouchState::End, false), "{forgiven}");

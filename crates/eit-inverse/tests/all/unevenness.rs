@@ -101,7 +101,6 @@ fn bad_input_is_refused() {
     reference_v[17] = f64::NAN;
     refused!(fit(&reference_v, &ALL), NonFiniteData { measurement: 17, .. });
     refused!(fit(&SKIN.model_v[1..], &ALL), WrongLength { found: 207, wanted: 208, .. });
-    let nothing = fit(&SKIN.model_v, &[false; MEASUREMENTS]);
-    refused!(nothing, NothingUsed { measurements: 208 });
+    refused!(fit(&SKIN.model_v, &[false; MEASUREMENTS]), NothingUsed { measurements: 208 });
     assert!(UnevenSheet::new(&SKIN.surface, 0.0).is_err());
 }

@@ -38,8 +38,7 @@ fn fitted(scene: &Scene, values: &Array2<f64>, additive_v: Option<f64>) -> Fitte
     let mut skin = Skin::from_scene(scene.clone()).unwrap();
     skin.settings.noise.additive_v = additive_v;
     skin.settings.recording.reference = Some(Reference::Text(format!("0..{QUIET_FRAMES}")));
-    let linearised = Arc::new(skin.linearise(&mut Progress::silent()).unwrap());
-    fit(&linearised, values)
+    fit(&Arc::new(skin.linearise(&mut Progress::silent()).unwrap()), values)
 }
 
 /// Images are those of the first crossing; that where the noise figure falls below 1 for the last time gives none.
@@ -91,8 +90,7 @@ fn a_small_rectangle() {
 fn without_an_electrode() {
     let scene = Scene::load("paper-disc").unwrap();
     let at = [0.03, 0.04];
-    let noise = 10.0_f64.powf(-4.5);
-    let (mut values, _) = frames(&simulated(&scene, at), noise, 1.0 / 4096.0);
+    let (mut values, _) = frames(&simulated(&scene, at), 10.0_f64.powf(-4.5), 1.0 / 4096.0);
     for i in PAPER.measurements_of(4) {
         values.column_mut(i).fill(f64::NAN);
     }
@@ -119,8 +117,7 @@ fn noise_without_rounding(fitted: &FittedFrames, values: &Array2<f64>) -> Vec<f6
         (0.5 * squares.sum::<f64>() / (QUIET_FRAMES - 1) as f64).sqrt()
     };
     let std_v: Vec<f64> = (0..used.len()).map(deviation).collect();
-    let moving = std_v.iter().copied().filter(|e| *e > 0.0);
-    let least_v = 0.1 * eit_core::median(moving).unwrap();
+    let least_v = 0.1 * eit_core::median(std_v.iter().copied().filter(|e| *e > 0.0)).unwrap();
     let relative = |i: usize| std_v[i].max(least_v) / fitted.frames.reference[i].abs();
     (0..used.len()).map(|i| if used[i] { relative(i) } else { 1.0 }).collect()
 }

@@ -347,8 +347,7 @@ fn damaged_frames_are_left_out_of_images() {
         let mut frames = fitted.frames.clone();
         touches_of(&fitted).leave_out(&mut frames);
         for (frame, good) in frames.good.rows().into_iter().enumerate() {
-            let is_left_out = left.contains(&frame);
-            let is_right = good.iter().all(|good| *good != is_left_out);
+            let is_right = good.iter().all(|good| *good != left.contains(&frame));
             assert!(is_right, "{left:?}, frame {frame}: {:?}", frames.notes);
         }
     }
