@@ -527,9 +527,7 @@ proptest! {
         let at = |k: usize| 0.02 * k as f64 - 0.08;
         let cells = Cells::of_surface(&grid(8, |i, j| [at(i), at(j), 0.0]));
         let mut values = vec![0.0; 128];
-        for c in &chosen {
-            values[2 * (16 * (c / 4) + 2 * (c % 4))] = 1.0;
-        }
+        chosen.iter().for_each(|c| values[2 * (16 * (c / 4) + 2 * (c % 4))] = 1.0);
         let blobs = metrics::blobs(&values, &cells, Increase, 0.5).unwrap();
         prop_assume!(blobs.len() >= truth.len());
         let truth: Vec<[f64; 3]> = truth.iter().map(|t| [t[0], t[1], 0.0]).collect();

@@ -158,17 +158,16 @@ proptest! {
 
 #[test]
 fn a_workspace_serves_sets_of_every_size_in_any_order() {
-    let Setup { jacobian, settings, frame, reference_frame } = scene(0.03);
+    let Setup { jacobian, settings, frame, reference_frame: reference } = scene(0.03);
     let full = one_step(&jacobian, &IDENTITY, settings);
     let map = full.reconstructor();
     let (mut memory, mut image) = (map.workspace(), vec![0.0; map.image_len()]);
     for masked in sets().iter().chain(sets().iter().rev()) {
-        map.reconstruct_masked_into(&frame, &reference_frame, masked, &mut memory, &mut image)
-            .unwrap();
-        assert_eq!(image, masked_image(map, &frame, &reference_frame, masked));
+        map.reconstruct_masked_into(&frame, &reference, masked, &mut memory, &mut image).unwrap();
+        assert_eq!(image, masked_image(map, &frame, &reference, masked));
     }
-    map.reconstruct_into(&frame, &reference_frame, &mut memory, &mut image).unwrap();
-    assert_eq!(image, map.reconstruct(&frame, &reference_frame).unwrap().to_vec());
+    map.reconstruct_into(&frame, &reference, &mut memory, &mut image).unwrap();
+    assert_eq!(image, map.reconstruct(&frame, &reference).unwrap().to_vec());
 }
 
 #[test]

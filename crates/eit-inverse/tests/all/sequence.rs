@@ -102,10 +102,8 @@ fn batch(
     });
     let predicted = images.dot(&jacobian.t());
     let square = |t: usize, i: usize| ((predicted[(t, i)] - values[(t, i)]) / noise_std[i]).powi(2);
-    let residual = (0..frames)
-        .map(|t| (0..m).filter(|&i| good(t, i)).map(|i| square(t, i)).sum::<f64>().sqrt())
-        .collect();
-    (images, residual)
+    let norm = |t| (0..m).filter(|&i| good(t, i)).map(|i| square(t, i)).sum::<f64>().sqrt();
+    (images, (0..frames).map(norm).collect())
 }
 
 /// Compares every linear method with the dense solution; masked values are NaN.

@@ -120,7 +120,7 @@ fn optimum(problem: &Problem) -> Option<f64> {
     let matrix = CscMatrix::new_from_triplets(rows.right.len(), unknowns, is, js, values);
     // the tightest tolerance that succeeds
     [1e-12, 1e-10, 1e-8].into_iter().find_map(|accuracy| {
-        let settings = DefaultSettings {
+        let how = DefaultSettings {
             verbose: false,
             tol_gap_abs: accuracy,
             tol_gap_rel: accuracy,
@@ -131,8 +131,7 @@ fn optimum(problem: &Problem) -> Option<f64> {
             ..Default::default()
         };
         let (right, cones) = (&rows.right, &rows.cones);
-        let mut solver =
-            DefaultSolver::new(&square, &linear, &matrix, right, cones, settings).unwrap();
+        let mut solver = DefaultSolver::new(&square, &linear, &matrix, right, cones, how).unwrap();
         solver.solve();
         let solution = &solver.solution;
         let solved = matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
@@ -291,9 +290,7 @@ proptest! {
         cap in 0_usize..200,
     ) {
         let problem = recipe.problem();
-        let Some(optimum) = optimum(&problem) else {
-            return Err(TestCaseError::reject("no reference"));
-        };
+        let optimum = optimum(&problem).ok_or_else(|| TestCaseError::reject("no reference"))?;
         for stop in [
             Stop { target_gap: gap, max_iterations: 4000, ..Default::default() },
             Stop { target_gap: 1e-12, max_iterations: cap, ..Default::default() },
@@ -322,9 +319,7 @@ proptest! {
             ..recipe
         };
         let problem = recipe.problem();
-        let Some(optimum) = optimum(&problem) else {
-            return Err(TestCaseError::reject("no reference"));
-        };
+        let optimum = optimum(&problem).ok_or_else(|| TestCaseError::reject("no reference"))?;
         let sequence = problem.solve(&self::gap(gap));
         holds_the_optimum(&sequence, optimum);
         // an optimum of zero has no relative gap

@@ -75,9 +75,7 @@ const LEAST: f64 = 2e-6;
 fn a_reference_taken_back_shows_no_touch() {
     let mut random = Random::new(12);
     let mut detector = SKIN.detector(LEAST);
-    for _ in 0..20 {
-        push(&mut detector, &noisy(&mut random, &[]));
-    }
+    (0..20).for_each(|_| _ = push(&mut detector, &noisy(&mut random, &[])));
     for _ in 0..5 {
         push(&mut detector, &noisy(&mut random, &[([-0.03, 0.04], -4.0 * FINGER)]));
     }
@@ -159,9 +157,8 @@ fn what_quiet_frames_do_is_no_touch() {
     let at = [0.03, -0.05];
     let finger = touched(&[(at, FINGER)]);
     for _ in 0..100 {
-        let [touch] = push(&mut with_quiet.clone(), &on_wave(&finger, &mut random))[..] else {
-            panic!()
-        };
+        let frame = on_wave(&finger, &mut random);
+        let [touch] = push(&mut with_quiet.clone(), &frame)[..] else { panic!() };
         // five standard deviations of the position, which the wave's direction hardly increases
         assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
     }

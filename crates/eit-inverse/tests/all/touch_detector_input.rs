@@ -43,8 +43,7 @@ fn half_a_pair_suffices() {
     let frame = noisy(&mut random, &[(at, FINGER)]);
     let mut detector = SKIN.detector(1e-8);
     let [whole] = push(&mut detector.clone(), &frame)[..] else { panic!() };
-    let lost: Vec<usize> =
-        (0..MEASUREMENTS).filter(|&i| i < SKIN.reciprocal[i]).step_by(5).collect();
+    let lost: Vec<_> = (0..MEASUREMENTS).filter(|&i| i < SKIN.reciprocal[i]).step_by(5).collect();
     let step = detector.push(&frame, |i| lost.contains(&i), DT_S).unwrap();
     assert_eq!(step.rows, detector.rows());
     let [half] = detector.touches()[..] else { panic!() };
@@ -61,10 +60,8 @@ fn push_allocates_nothing() {
     let mut most = 0;
     for k in 0..50 {
         // more at first than ever after
-        let (touches, missing) =
-            if k < 10 { (10, 40) } else { (random.below(9), random.below(30)) };
-        let fingers: Vec<_> =
-            (0..touches).map(|_| (place(&mut random, 0.9), 4.0 * FINGER)).collect();
+        let (count, missing) = if k < 10 { (10, 40) } else { (random.below(9), random.below(30)) };
+        let fingers: Vec<_> = (0..count).map(|_| (place(&mut random, 0.9), 4.0 * FINGER)).collect();
         let frame = noisy(&mut random, &fingers);
         let lost: Vec<usize> = (0..missing).map(|_| random.below(MEASUREMENTS)).collect();
         let info = allocation_counter::measure(|| {

@@ -85,10 +85,8 @@ impl Skin {
         let (reference, noise_std) = (&[0.0; CHANNELS], &[NOISE; CHANNELS]);
         let (interval_s, rate_hz) = (10.0, RATE_HZ);
         let untouched = Untouched { reference, noise_std, steps: &steps, interval_s, rate_hz };
-        let strengths = vec![1e-5; map.places_m.len()];
-        let settings = LearntSettings::default();
-        LearntDetector::new(map, MESH.surface(), &untouched, strengths, 0.012, settings, None)
-            .unwrap()
+        let (strengths, how) = (vec![1e-5; map.places_m.len()], LearntSettings::default());
+        LearntDetector::new(map, MESH.surface(), &untouched, strengths, 0.012, how, None).unwrap()
     }
 }
 
@@ -212,19 +210,13 @@ fn the_reference_follows_what_is_no_touch() {
         detector.push(frame.as_slice().unwrap(), |_| false).unwrap();
         detector.touches().len()
     };
-    for _ in 0..400 {
-        assert_eq!(press(&mut detector, &mut skin, 0.0), 0);
-    }
+    (0..400).for_each(|_| assert_eq!(press(&mut detector, &mut skin, 0.0), 0));
     let followed = moved(&detector);
     assert!((followed - 1.0).abs() < 0.3, "{followed}");
-    for _ in 0..400 {
-        assert_eq!(press(&mut detector, &mut skin, 1.0), 1);
-    }
+    (0..400).for_each(|_| assert_eq!(press(&mut detector, &mut skin, 1.0), 1));
     // the frames that waited when the touch began are not taken
     assert_eq!(moved(&detector), followed);
-    for _ in 0..400 {
-        press(&mut detector, &mut skin, -1.0);
-    }
+    (0..400).for_each(|_| _ = press(&mut detector, &mut skin, -1.0));
     assert_eq!(moved(&detector), followed);
     assert_eq!(press(&mut detector, &mut skin, 0.0), 0);
 }

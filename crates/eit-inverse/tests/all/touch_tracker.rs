@@ -104,9 +104,7 @@ fn births_need_strength_or_evidence_and_precision() {
         let case = format!("{birth_frames} {strength_s_m2:e} {strength_std_s_m2:e} {worth}");
         let mut bench = Bench::new(|settings| settings.birth_frames = birth_frames);
         let found = DetectedTouch { strength_std_s_m2, worth, ..touch(0.0, 0.1, strength_s_m2) };
-        for _ in 1..after {
-            assert!(bench.push(&[found]).is_empty(), "{case}");
-        }
+        (1..after).for_each(|_| assert!(bench.push(&[found]).is_empty(), "{case}"));
         let born = bench.push(&[found]);
         assert_eq!(only_state(&born), (1, TouchState::Begin, valid), "{case}");
         assert_eq!((born[0].age_frames, born[0].age_s), (0, 0.0), "{case}");
@@ -257,8 +255,8 @@ fn velocity_of_a_steady_point() {
             bench.push(&[touch(x_m, y_m, STRONG)]);
         }
         let found = only(bench.tracker.touches());
-        for i in 0..3 {
-            let velocity_error_m_s = (found.velocity_m_s[i] - velocity_m_s[i]).abs();
+        for (i, velocity_m_s) in velocity_m_s.iter().enumerate() {
+            let velocity_error_m_s = (found.velocity_m_s[i] - velocity_m_s).abs();
             assert!(velocity_error_m_s < velocity_part * speed_m_s, "{found:?}");
             assert!((found.position_m[i] - at(29)[i]).abs() < place_error_m, "{found:?}");
         }
@@ -267,9 +265,7 @@ fn velocity_of_a_steady_point() {
     steady(0.5, 3e-8, 3e-6);
     let (mut bench, [x_m, y_m, _]) = steady(0.1, 2e-5, 0.01);
     // the filter forgets a velocity within about ten frames
-    for _ in 0..30 {
-        bench.push(&[touch(x_m, y_m, STRONG)]);
-    }
+    (0..30).for_each(|_| _ = bench.push(&[touch(x_m, y_m, STRONG)]));
     let rest = only(bench.tracker.touches());
     assert!(rest.velocity_m_s.iter().all(|v| v.abs() < 1e-3), "{rest:?}");
 }

@@ -301,10 +301,8 @@ fn push_allocates_nothing() {
 
 /// Checks that a number of measurements is refused as wrong.
 fn check_count<T>(refused: Result<T, SkinError>, wrong: usize) {
-    let refused = refused.err().unwrap();
-    let SkinError::MeasurementCount { found, measurements, .. } = refused else {
-        panic!("{refused}")
-    };
+    let error = refused.err().unwrap();
+    let SkinError::MeasurementCount { found, measurements, .. } = error else { panic!("{error}") };
     assert_eq!((found, measurements), (wrong, MEASUREMENTS));
 }
 

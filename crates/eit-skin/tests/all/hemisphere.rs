@@ -1,7 +1,7 @@
 //! Touches on a dome with an uneven sheet, on forward solutions of the full non-linear model of another mesh.
 
 use crate::common::*;
-use eit_core::vector::{distance, dot, norm, scaled};
+use eit_core::vector::{distance, dot, nearest, norm, scaled};
 use eit_skin::eit_fem::fabric::Random;
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::Scene;
@@ -39,8 +39,7 @@ fn touches_on_a_dome() {
     let mut random = Random::new(21);
     let skin = meshed(&Scene::load("hemisphere").unwrap(), 4000);
     let (centroids, field) = (skin.mesh.surface().centroids(), unevenness(&mut random));
-    let sheet_s: Vec<f64> =
-        centroids.iter().map(|c| skin.conductivity_s * field(c).exp()).collect();
+    let sheet_s: Vec<_> = centroids.iter().map(|c| skin.conductivity_s * field(c).exp()).collect();
     // each finger raises the conductivity by 30 % in a bell of 8 mm
     let voltages = |fingers: &[Place]| {
         let touched = |(c, sheet_s): (&Place, &f64)| {
@@ -87,12 +86,10 @@ fn touches_on_a_dome() {
         all += fingers.len();
         for finger in fingers {
             let places_m = here.iter().map(|touch| touch.position_m);
-            let Some((nearest, error_m)) = eit_core::vector::nearest(places_m, *finger) else {
-                continue;
-            };
+            let Some((k, error_m)) = nearest(places_m, *finger) else { continue };
             if error_m < 0.025 {
                 errors_m.push(error_m);
-                let Touch { normal, position_m, .. } = here[nearest];
+                let Touch { normal, position_m, .. } = here[k];
                 let outward = dot(normal.unwrap(), scaled(1.0 / RADIUS_M, position_m));
                 least_outward = least_outward.min(outward);
             }

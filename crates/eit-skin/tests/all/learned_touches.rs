@@ -225,8 +225,7 @@ fn a_touch_unlike_all_presses_is_said_to_be() {
             assert_eq!(learnt.force_n.is_none(), learnt.is_unlike, "{:?}", row.touch);
             learnt.is_unlike
         };
-        let found: Vec<bool> =
-            (0..20).flat_map(|press| at_end(&rows, press).map(is_unlike)).collect();
+        let found: Vec<_> = (0..20).flat_map(|press| at_end(&rows, press).map(is_unlike)).collect();
         [found.iter().filter(|is_unlike| **is_unlike).count(), found.len()]
     };
     let (own, other) = (count(gains(GAIN_STD, "real")), count(gains(STRANGE_STD, "stranger")));

@@ -91,9 +91,7 @@ fn without_an_electrode() {
     let scene = Scene::load("paper-disc").unwrap();
     let at = [0.03, 0.04];
     let (mut values, _) = frames(&simulated(&scene, at), 10.0_f64.powf(-4.5), 1.0 / 4096.0);
-    for i in PAPER.measurements_of(4) {
-        values.column_mut(i).fill(f64::NAN);
-    }
+    PAPER.measurements_of(4).iter().for_each(|i| values.column_mut(*i).fill(f64::NAN));
     let fitted = fitted(&scene, &values, None);
     let mut settings = fitted.one_step_settings().unwrap();
     settings.noise_std = Some(noise_without_rounding(&fitted, &values));

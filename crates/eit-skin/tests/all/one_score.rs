@@ -16,7 +16,7 @@ fn bench(name: &str) -> Bench {
 fn six_fingers_that_land_at_once() {
     // measured 0.992 and 0: a frame in some beginnings
     let bars = Bars { found: 0.98, extra: 0.01, ..ANY };
-    bench("paper-disc").score(&*HEXAGONS).check("six fingers", &bars);
+    bench("paper-disc").score(HEXAGONS.as_slice()).check("six fingers", &bars);
 }
 
 /// Presses and a slide on fabric with all effects; the search finds 0.45 of the fingers, and 0.49 others beside them.

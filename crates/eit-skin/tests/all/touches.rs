@@ -57,7 +57,7 @@ fn quiet() {
 
 #[test]
 fn one() {
-    PAPER.score(&*PRESSES).check("one", &ONE);
+    PAPER.score(PRESSES.as_slice()).check("one", &ONE);
 }
 
 /// Four fingers, at least 40 mm apart.
@@ -70,7 +70,7 @@ fn four() {
 /// Of such a frame one touch alone explains nothing, and what fingers do to each other looks like one in the middle.
 #[test]
 fn hexagon() {
-    PAPER.score(&*HEXAGONS).check("hexagon", &Bars { found: 0.99, extra: 0.01, ..ONE });
+    PAPER.score(HEXAGONS.as_slice()).check("hexagon", &Bars { found: 0.99, extra: 0.01, ..ONE });
 }
 
 /// Two fingers close in to 26 mm and part again; one bell between them fits nearly as well there.

@@ -135,9 +135,8 @@ impl Problem {
             Fidelity::Constrained { .. } => 0.0,
             _ => self.residuals(images).iter().map(|r| 0.5 * r * r).sum(),
         };
-        let in_space =
-            |image: ArrayView1<'_, f64>| self.gradient.total_variation(&image.to_vec()).unwrap();
-        let space: f64 = images.outer_iter().map(in_space).sum();
+        let of = |x: ArrayView1<'_, f64>| self.gradient.total_variation(&x.to_vec()).unwrap();
+        let space: f64 = images.outer_iter().map(of).sum();
         let changes = &images.slice_axis(Axis(0), (1..).into())
             - &images.slice_axis(Axis(0), (..self.frames() - 1).into());
         let time = changes.abs().dot(&aview1(self.gradient.areas_m2())).sum();

@@ -66,9 +66,7 @@ impl Bench {
     /// Pushes a frame whose measurements `broken` are replaced.
     pub fn push(&mut self, broken: &[usize], value: impl Fn(&mut Random, f64) -> f64) {
         let mut frame = self.frame();
-        for &i in broken {
-            frame[i] = value(&mut self.random, frame[i]);
-        }
+        broken.iter().for_each(|&i| frame[i] = value(&mut self.random, frame[i]));
         self.push_frame(&frame, |_| true);
     }
 
