@@ -151,7 +151,7 @@ fn a_killed_recorder_loses_the_last_moment_only() {
     let settings = CaptureSettings { flush_s: 0.2, ..CaptureSettings::default() };
     let mut writer = CaptureWriter::create(&path, &session(), settings).unwrap();
     let (start, mut written) = (Instant::now(), Vec::new());
-    while start.elapsed().as_secs_f64() < 0.7 {
+    while written.len() < 100 || start.elapsed().as_secs_f64() < 0.7 {
         written.push(start.elapsed().as_secs_f64());
         writer.frame(&frame(written.len() as u64 - 1)).unwrap();
         std::thread::sleep(Duration::from_millis(2));
@@ -162,8 +162,9 @@ fn a_killed_recorder_loses_the_last_moment_only() {
     assert!(capture.frames().zip(0..).all(|(found, sequence)| *found == frame(sequence)));
     let frames = capture.frames().count();
     let lost_s = written.get(frames).map_or(0.0, |first| written[written.len() - 1] - first);
-    // 0.2 s is set; the recorder looks at the clock with each frame, however often it waits for the processor
-    assert!(frames > 0 && lost_s < 0.5, "{lost_s} of {frames}");
+    // the recorder looks at its clock with each frame, which may wait for the processor after we looked at ours
+    let longest_s = written.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    assert!(frames > 0 && lost_s < 0.2 + longest_s, "{lost_s} of {frames}, {longest_s}");
 
     // it can be appended to
     append(&killed).unwrap().finish().unwrap();
