@@ -1,20 +1,14 @@
 //! Scenes that state the required accuracy of their voltages: choice of mesh and of arithmetic.
 
-use crate::common::{
-    Folder, SMALL, altered, answer, largest, number, read_array, refuse, refuse_plans, says,
-    succeed,
-};
+use crate::common::*;
 use eit_fem::{ForwardModel, PairProtocol};
-use ndarray::Array1;
-use serde_json::Value;
 
 /// The scene of [`SMALL`] with other lines under `[mesh]`.
 fn meshed(folder: &Folder, lines: &str) -> String {
     folder.altered("edge_m = 0.012", lines)
 }
 
-/// The estimate is below the requirement, and so is the true error (against the series; the allowance of a
-/// half is that of eit-fem's `mesh_choice`); more accuracy needs more unknowns.
+/// Estimate and true error (by the series; half more as in eit-fem's `mesh_choice`); more accuracy needs more unknowns.
 #[test]
 fn the_mesh_is_chosen_for_the_required_accuracy() {
     let folder = Folder::new();
@@ -113,8 +107,7 @@ fn stiff_contacts_cost_no_digits() {
     let mut workspace = model.workspace().unwrap();
     let sigma = vec![1e-5; model.elements()];
     let exact = model.solve_to(&sigma, 1e-14, &mut workspace).unwrap().measurements();
-    let found: Array1<f64> = read_array(&out);
-    assert!(largest(&(found - &exact)) <= bound * largest(&exact));
+    assert!(largest(&(read_array::<Ix1>(&out) - &exact)) <= bound * largest(&exact));
     // shunts and ideal current sources are scenes, too
     for limit in ["0.0", "inf"] {
         let scene = folder.altered("ohm_m = 1e3", &format!("ohm_m = {limit}"));

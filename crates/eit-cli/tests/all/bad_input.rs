@@ -1,19 +1,14 @@
 //! Invalid input: exit code 2 and one line that says what is wrong, where, and how to fix it.
 
-use crate::common::{
-    Folder, SMALL, altered, answer, eit, exists, read_text, refuse, refuse_each, refuse_plans,
-    says, stderr, succeed,
-};
-use ndarray::Array2;
+use crate::common::*;
 
 /// One line of the small scene replaced.
 #[test]
 fn scenes_that_cannot_be() {
     let polygon = |keys: &str| format!("shape = \"polygon\"\noutline = {keys}");
     let millimetres = polygon("[[0, 0], [200, 0], [200, 100], [0, 100]]");
-    let far_hole =
-        "[[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]]\nholes = [[[50, 50], [60, 50], [60, 60]]]";
-    let far_hole = polygon(far_hole);
+    let hole = "holes = [[[50, 50], [60, 50], [60, 60]]]";
+    let far_hole = polygon(&format!("[[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]]\n{hole}"));
     let disc = "shape = \"disc\"\nradius_m = 0.1";
     let cases = [
         ("radius_m = 0.1", "radius_m = 0.0", "radius"),
@@ -66,7 +61,7 @@ fn scenes_that_cannot_be() {
 /// Keys added to the small scene.
 #[test]
 fn keys_that_cannot_be() {
-    let reconstruction = [
+    let reconstruction: &[_] = &[
         ("pixels = 0", "reconstruction.pixels is 0"),
         ("hyperparameter = -1.0", "hyperparameter is -1"),
         ("hyperparameter = 1.0\nnoise_figure = 1.0", "no effect"),
@@ -87,30 +82,30 @@ fn keys_that_cannot_be() {
         ("method = \"st-tv\"\nnoise_figure = 1.0", "with method = \"st-tv\""),
         ("method = \"tv\"\nlambda_space = 1.0\nlambda_time = 1.0", "use \"st-tv\""),
     ];
-    let noise = [
+    let noise = &[
         ("additive_v = -1.0", "noise.additive_v is -1"),
         ("quiet_frames = \"4..6\"", "three or more"),
         ("quiet_frames = \"0..10\"\nadditive_v = 1.0", "exclude each"),
     ];
-    let recording = [
+    let recording = &[
         ("scale = 0.0", "recording.scale is 0"),
         ("frame_rate_hz = 0.0", "recording.frame_rate_hz is 0"),
         ("frame_rate_hz = 1e-300", "recording.frame_rate_hz is 0.00"),
     ];
-    let touch = [
+    let touch = &[
         ("radius_m = 7.0", "touch.radius_m is 7: it must be from 0.00001 to 1"),
         ("apart_m = 1e-12", "touch.apart_m is 0.000000000001"),
         ("drift_time_s = -1.0", "touch.drift_time_s is -1"),
     ];
-    let tables = [
-        ("reconstruction", &reconstruction[..]),
-        ("noise", &noise[..]),
-        ("recording", &recording[..]),
-        ("touch", &touch[..]),
-    ];
-    refuse_plans(tables.into_iter().flat_map(|(table, cases)| {
-        cases.iter().map(move |(keys, words)| (format!("{SMALL}\n[{table}]\n{keys}"), *words))
-    }));
+    let names = ["reconstruction", "noise", "recording", "touch"];
+    for (table, cases) in names.into_iter().zip([reconstruction, noise, recording, touch]) {
+        let scene = |keys| format!("{SMALL}\n[{table}]\n{keys}");
+        refuse_plans(cases.iter().map(|(keys, words)| (scene(keys), *words)));
+    }
+    // currents on all electrodes at once leave none undriven
+    let scene = succeed("plan general-32 --print-scene");
+    let dropped = scene.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
+    refuse_plans([(dropped, "trigonometric…keep")]);
 }
 
 /// A scene file that is missing, and one whose mesh is: both are named.
@@ -128,13 +123,10 @@ fn missing_files_are_named() {
     ]);
 }
 
-fn csv(rows: usize, columns: usize, odd: Option<(usize, usize, &str)>) -> String {
-    let cell = |r: usize, c: usize| match odd {
-        Some((row, column, value)) if (row, column) == (r, c) => value.to_owned(),
-        _ => format!("{}", 1.0 + 0.01 * (r * columns + c) as f64),
-    };
-    let row = |r| (0..columns).map(|c| cell(r, c)).collect::<Vec<_>>().join(",") + "\n";
-    (0..rows).map(row).collect()
+/// A table of values that grow by 0.01 from 1.
+fn csv(rows: usize, columns: usize) -> String {
+    let value = |(r, c): (usize, usize)| 1.0 + 0.01 * (r * columns + c) as f64;
+    table(&Array2::from_shape_fn((rows, columns), value))
 }
 
 #[test]
@@ -143,25 +135,31 @@ fn frames_that_cannot_be() {
     let (scene, out) = (folder.scene(""), folder.path("out"));
     let first = "--reference 0";
     let all_missing = [vec!["nan"; 40].join(","), String::new()].join("\n").repeat(2);
-    let header = format!("a,b,3\n{}", csv(2, 40, None));
-    let table = || csv(2, 40, None).into_bytes();
-    let cases: [(&str, Vec<u8>, &str, &str); 9] = [
-        ("f.csv", header.into(), first, "line 1…value 1 is \"a\"…a header, remove it"),
-        ("f.csv", csv(2, 39, None).into(), first, "39…40"),
+    let (table, short) = (csv(2, 40), csv(2, 39));
+    let (header, word) = (format!("a,b,3\n{table}"), table.replacen("\n1.4,", "\nvolt,", 1));
+    assert_ne!(word, table);
+    let cases: [(&str, &[u8], &str, &str); 9] = [
+        ("f.csv", header.as_bytes(), first, "line 1…value 1 is \"a\"…a header, remove it"),
+        ("f.csv", short.as_bytes(), first, "39…40"),
         // a few missing values are accepted: missing_values.rs
-        ("f.csv", all_missing.into(), first, "no measurement is usable…80 value(s) missing"),
-        ("f.csv", csv(2, 40, Some((1, 7, "volt"))).into(), first, "f.csv…line 2"),
-        ("f.csv", Vec::new(), first, "f.csv…empty"),
-        ("f.csv", vec![0, 159, 146, 150, 0, 1, 2], first, "f.csv"),
-        ("f.npy", b"\x93NUMPY\x01\x00".to_vec(), first, "f.npy"),
-        ("f.csv", table(), "", "no reference frame…--reference"),
-        ("f.csv", table(), "--reference 5", "frames 0 to 1"),
+        ("f.csv", all_missing.as_bytes(), first, "no measurement is usable…80 value(s) missing"),
+        ("f.csv", word.as_bytes(), first, "f.csv…line 2"),
+        ("f.csv", b"", first, "f.csv…empty"),
+        ("f.csv", &[0, 159, 146, 150, 0, 1, 2], first, "f.csv"),
+        ("f.npy", b"\x93NUMPY\x01\x00", first, "f.npy"),
+        ("f.csv", table.as_bytes(), "", "no reference frame…--reference"),
+        ("f.csv", table.as_bytes(), "--reference 5", "frames 0 to 1"),
     ];
     for (name, content, more, wanted) in cases {
         let frames = folder.write(name, content);
         let line = format!("reconstruct {scene} --frames {frames} --out {out} {more}");
         refuse_each([(line, wanted)]);
     }
+    let frames = folder.write("f.csv", "1.0,2.0,3.0\n");
+    refuse_each([
+        ("calibrate paper-disc", "--frames: no frames: give their files, or set [recording] file"),
+        (&format!("calibrate paper-disc --frames {frames}"), "208"),
+    ]);
 }
 
 /// Under a limit of 1.2 GB of address space, where one raster of that many pixels takes 1.8 GB.
@@ -178,13 +176,11 @@ fn images_beyond_memory_are_refused_before_work() {
         let keys = format!("[reconstruction]\nmethod = \"{method}\"\npixels = 4096\n[mesh]");
         let content = altered("count = 8", &format!("count = {electrodes}"));
         let scene = folder.write("scene.toml", content.replace("[mesh]", &keys));
-        let frames = folder.write("f.csv", csv(rows, electrodes * (electrodes - 3), None));
+        let frames = folder.write("f.csv", csv(rows, electrodes * (electrodes - 3)));
         let more = format!("--reference 0 --out {}", folder.path("out"));
         let line = format!("reconstruct {scene} --frames {frames} {more}");
-        let output = crate::common::eit_in_shell("ulimit -v 1200000", line);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(wanted), "{said}");
+        let output = in_shell("ulimit -v 1200000;", line).output().unwrap();
+        says(&ended(&output, 2), wanted);
     }
 }
 
@@ -201,8 +197,8 @@ fn wrong_usage_is_one_line() {
         ("mesh paper-disc --out never.png --nodes -1", "'--nodes <N>'…a whole number, 0 or above"),
         ("simulate paper-disc --seed one --out never", seed),
     ] {
-        refuse_each([(line, wanted)]);
         let said = refuse(line);
+        says(&said, wanted);
         assert!(said.starts_with("eit: ") && said.matches("--help").count() == 1, "{said}");
         assert!(!wanted.contains("whole") || !said.contains("tip"), "{said}");
     }
@@ -212,7 +208,7 @@ fn wrong_usage_is_one_line() {
 #[test]
 fn a_file_is_no_folder() {
     let folder = Folder::new();
-    let (scene, file) = (folder.scene(""), folder.write("f.csv", csv(2, 40, None)));
+    let (scene, file) = (folder.scene(""), folder.write("f.csv", csv(2, 40)));
     let is_file = "f.csv: is a file, but --out must name a folder here";
     refuse_each([
         (format!("reconstruct {scene} --frames {file} --reference 0 --out {file}"), is_file),
@@ -222,7 +218,7 @@ fn a_file_is_no_folder() {
         (format!("demo --out {file}/out"), "cannot write"),
         (format!("forward paper-disc --out {file}/v.csv"), "cannot write"),
     ]);
-    assert_eq!(read_text(&file), csv(2, 40, None));
+    assert_eq!(read_text(&file), csv(2, 40));
 }
 
 /// Contacts so far from the sheet that no digit survives nodal assembly: linear elements are solved differently
@@ -237,9 +233,7 @@ fn voltages_without_a_certain_digit_are_refused() {
         format!("forward {scene} --out {out}")
     };
     for impedance in ["1e-12", "1e16", "[1e20, 1e3, 1e3, 1e3, 1e3, 1e3, 1e3, 1e3]"] {
-        let output = eit(forward(impedance, "quadratic"));
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{impedance}: {said}");
+        let said = ended(&eit(forward(impedance, "quadratic")), 1);
         assert!(said.contains("no digit") || said.contains("decades"), "{said}");
         assert!(!exists(&out));
         let said = succeed(forward(impedance, "linear"));
@@ -249,53 +243,50 @@ fn voltages_without_a_certain_digit_are_refused() {
     says(&succeed(forward("1e-5", "quadratic")), "warning: rounding");
 }
 
-/// An existing result survives a run that fails.
-#[test]
-fn a_failed_run_leaves_the_old_result() {
-    let folder = Folder::new();
-    let (out, sigma) = (folder.write("v.csv", "old"), folder.write("sigma.csv", "1,2,3\n"));
-    let line = format!("forward paper-disc --conductivity {sigma} --out {out}");
-    says(&refuse(line), "3 values…elements");
-    assert_eq!(read_text(&out), "old");
-    assert_eq!(folder.names(), ["sigma.csv", "v.csv"], "no temporary is left");
-}
-
-/// A mesh of two parts and one with a zero conductivity are rejected with the position.
+/// Each is rejected with its position, and an existing result survives.
 #[test]
 fn meshes_and_conductivities_that_cannot_be() {
-    let folder = Folder::new();
+    let (folder, scene) = Folder::with_scene("");
     let two_parts = folder.write(
         "two_parts.msh",
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n6\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 5 0 0\n\
          5 6 0 0\n6 5 1 0\n$EndNodes\n$Elements\n2\n1 2 2 0 1 1 2 3\n2 2 2 0 1 4 5 6\n\
          $EndElements\n",
     );
-    let [out, skin] = folder.paths(["v.csv", "skin.msh"]);
-    says(&refuse(format!("forward paper-disc --mesh {two_parts} --out {out}")), "2 parts");
-    let scene = folder.scene("");
-    let json = answer(format!("mesh {scene} --out {skin}"));
-    let count = json["triangles"].as_u64().unwrap() as usize;
+    let (out, sigma) = (folder.write("v.csv", "old"), folder.write("sigma.csv", "1,2,3\n"));
+    let skin = folder.path("skin.msh");
+    refuse_each([
+        (format!("forward paper-disc --mesh {two_parts} --out {out}"), "2 parts"),
+        (format!("forward paper-disc --conductivity {sigma} --out {out}"), "3 values…elements"),
+    ]);
+    let count = number(&answer(format!("mesh {scene} --out {skin}")), "triangles") as usize;
     for bad in [0.0, -1.0] {
         let mut sigma = Array2::from_elem((1, count), 1e-5);
         sigma[[0, 17]] = bad;
         let file = folder.write_array("sigma.npy", &sigma);
         let line = format!("forward {scene} --mesh {skin} --conductivity {file} --out {out}");
-        let found = refuse(line);
-        says(&found, format!("element 17…{bad}"));
+        refuse_each([(line, format!("element 17…{bad}"))]);
     }
+    assert_eq!(read_text(&out), "old");
+    let names = ["scene.toml", "sigma.csv", "sigma.npy", "skin.msh", "two_parts.msh", "v.csv"];
+    assert_eq!(folder.names(), names, "no temporary is left");
 }
 
-/// The wrong order is detected by reciprocity and reported with the key that fixes it.
+/// The wrong order is detected by reciprocity, also before a table is converted, and reported with the key that fixes it.
 #[test]
 fn the_wrong_order_is_reported_with_its_key() {
     let folder = Folder::new();
-    let with = |key: &str| {
-        folder.write("scene.toml", SMALL.replace("current_a", &format!("{key}\ncurrent_a")))
-    };
-    let [frames, out] = folder.paths(["f.csv", "out"]);
-    succeed(format!("forward {} --out {frames}", with("order = \"ascending\"")));
+    let with = |key: &str| folder.altered("current_a", &format!("{key}\ncurrent_a"));
+    let [frames, out, recording] = folder.paths(["f.csv", "out", "v.mcap"]);
     let more = format!("--frames {frames} --reference 0 --out {out}");
-    says(&refuse(format!("reconstruct {} {more}", folder.scene(""))), "order = \"ascending\"");
-    let unchecked = eit(format!("reconstruct {} {more}", with("check_order = false")));
-    assert!(unchecked.status.success(), "the user may insist");
+    let convert = |scene: &str| format!("convert {frames} --scene {scene} --out {recording}");
+    let (plain, ascending) = (folder.write("plain.toml", SMALL), with("order = \"ascending\""));
+    succeed(format!("forward {ascending} --out {frames}"));
+    refuse_each([
+        (format!("reconstruct {plain} {more}"), "order = \"ascending\""),
+        (convert(&plain), "set that…order = \"ascending\""),
+    ]);
+    succeed(convert(&ascending));
+    // the user may insist
+    ended(&eit(format!("reconstruct {} {more}", with("check_order = false"))), 0);
 }

@@ -17,10 +17,8 @@ fn without_zenoh_the_way_to_get_it_is_reported() {
 #[test]
 fn without_foxglove_the_way_to_get_it_is_reported() {
     let install = "cargo install --path crates/eit-cli --features foxglove";
-    let replay = "replay paper-disc --from never.mcap";
-    refuse_each(
-        ["--foxglove", "--foxglove-record=F.mcap"].map(|to| (format!("{replay} {to}"), install)),
-    );
+    let line = |to| (format!("replay paper-disc --from never.mcap {to}"), install);
+    refuse_each(["--foxglove", "--foxglove-record=F.mcap"].map(line));
 }
 
 #[test]
@@ -31,22 +29,15 @@ fn endpoints_need_a_key() {
 
 #[cfg(feature = "zenoh")]
 mod by_zenoh {
-    use crate::common::emulated::{emulate, scene, signal};
-    use crate::common::{
-        Folder, LIMIT, answer, command, number, parse, refuse_each, touched_frames,
-    };
-    use serde_json::Value;
-    use std::io::{BufRead as _, BufReader, Lines};
-    use std::process::{Child, ChildStdout, Stdio};
-    use std::time::Instant;
+    use crate::common::emulated::{emulate, own_host, printed, scene, signal};
+    use crate::common::*;
 
     /// Ends with the test.
     struct Process(Child);
 
     impl Process {
         fn start(line: String) -> Self {
-            let mut command = command(line);
-            Self(command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap())
+            Self(command(line).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap())
         }
     }
 
@@ -58,11 +49,10 @@ mod by_zenoh {
     }
 
     /// The next line that is wanted.
-    fn line(lines: &mut Lines<BufReader<ChildStdout>>, wanted: impl Fn(&Value) -> bool) -> Value {
+    fn line(lines: &mut impl Iterator<Item = String>, wanted: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
-            let line = lines.next().expect("a line").unwrap();
-            let line: Value = parse(&line);
+            let line = parse(&lines.next().expect("a line"));
             if wanted(&line) {
                 return line;
             }
@@ -76,25 +66,19 @@ mod by_zenoh {
         let folder = Folder::new();
         let scene = scene(&folder);
         let (frames, _) = touched_frames(&folder);
-        // on Linux at a loopback address that nobody else uses, so that the port stays free
-        let host = if cfg!(target_os = "linux") { "127.69.73.84:0" } else { "127.0.0.1:0" };
-        let free = std::net::TcpListener::bind(host).unwrap().local_addr().unwrap();
+        let free = std::net::TcpListener::bind((own_host(), 0)).unwrap().local_addr().unwrap();
         let address = format!("tcp/{free}");
-        let patch = |name: &str, x: f64| {
-            format!(
-                "[[patch]]\nname = \"{name}\"\ntopic = \"skin/{name}\"\nposition_m = [{x:.1}, 0.0, 0.0]\n"
-            )
+        let patch = |(name, x): (&str, &str)| {
+            let keys = format!("name = \"{name}\"\ntopic = \"skin/{name}\"");
+            format!("[[patch]]\n{keys}\nposition_m = [{x}, 0.0, 0.0]\n")
         };
-        let body = format!(
-            "frame = \"torso\"\ntopic = \"body\"\nzenoh.listen = [\"{address}\"]\n{}{}",
-            patch("left", 1.0),
-            patch("right", -1.0)
-        );
-        let file = folder.write("body.toml", body);
+        let patches = [("left", "1.0"), ("right", "-1.0")].map(patch).concat();
+        let keys = format!("frame = \"torso\"\ntopic = \"body\"\nzenoh.listen = [\"{address}\"]\n");
+        let file = folder.write("body.toml", keys + &patches);
         let mut body = Process::start(format!("body {file}"));
-        let mut lines = BufReader::new(body.0.stdout.take().unwrap()).lines();
+        let mut lines = printed(&mut body.0);
         let start = line(&mut lines, |_| true);
-        assert_eq!((&start["type"], &start["frame"]), (&"start".into(), &"torso".into()));
+        has(&start, json!({ "type": "start", "frame": "torso" }));
         let place = |name: &str| folder.path(name);
         let instrument = |name: &str| emulate(&scene, &place(name), &format!("--frames {frames}"));
         let live = |name: &str| {

@@ -2,10 +2,9 @@
 #![cfg(unix)]
 
 use crate::common::emulated::{information, start};
-use crate::common::{Folder, altered, eit, number, recorded, succeed};
+use crate::common::*;
 use eit_hw::Quadruple;
 use eit_hw::emulator::Eits1Device;
-use serde_json::Value;
 use std::sync::LazyLock;
 
 /// A skin of 16 electrodes: its folder, its scene, and its voltages.
@@ -42,10 +41,9 @@ fn checked(change: Change<'_>) -> (Option<i32>, Value) {
         slots.copy_from_slice(&values[sequence as usize % values.len()]);
     };
     let emulator = start(Box::new(Eits1Device::new(information(16, "skin"), Box::new(source))));
-    let line = format!("check {scene} --port {} --frames 100 --json", emulator.endpoint());
-    let output = eit(line);
-    let answer: Value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-    (output.status.code(), answer)
+    let port = emulator.endpoint();
+    let output = eit(format!("check {scene} --port {port} --frames 100 --json"));
+    (output.status.code(), serde_json::from_slice(&output.stdout).unwrap_or(Value::Null))
 }
 
 /// The faulty electrode is named, and no other; faults that neither violate reciprocity nor are flagged, too: a bridge
@@ -54,7 +52,7 @@ fn checked(change: Change<'_>) -> (Option<i32>, Value) {
 fn check_names_the_electrode_at_fault_and_exits_4() {
     let (code, answer) = checked(&|_, _, _, value| value);
     assert_eq!((code, &answer["verdict"]), (Some(0), &"good".into()), "{answer}");
-    assert_eq!(answer["findings"], serde_json::json!([]));
+    assert_eq!(answer["findings"], json!([]));
     let at = |q: [u32; 4]| q.contains(&12);
     // electrodes are counted from 1
     let faults: [(&str, &[u64], &str, Change<'_>); 5] = [

@@ -1,21 +1,12 @@
 //! The commands do what `--help` says.
 
-use crate::common::{
-    Folder, answer, exists, largest, number, read, read_array, read_text, refuse, refuse_each,
-    succeed,
-};
-use ndarray::{Array1, Array2};
+use crate::common::*;
 
 #[test]
 fn help_teaches_every_command() {
-    let help = succeed("--help");
-    let commands = help.lines().skip_while(|line| *line != "Commands:").skip(1);
-    let commands = commands.take_while(|line| line.starts_with("  "));
-    let commands: Vec<&str> = commands.filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(commands.len(), 19 + 1, "with `help`: {commands:?}");
-    for command in commands.into_iter().filter(|command| *command != "help") {
-        assert!(succeed(format!("{command} --help")).contains("Usage"), "{command}");
-    }
+    let commands = crate::shell::commands("--help");
+    assert_eq!(commands.len(), 19, "{commands:?}");
+    commands.iter().for_each(|command| says(&succeed(format!("{command} --help")), "Usage"));
     // words that are gone are named as such, and those that are hidden work
     let gone = ["base", "train", "denoise", "recover", "devices"];
     refuse_each(gone.map(|word| (word, format!("unrecognized subcommand '{word}'"))));
@@ -24,37 +15,29 @@ fn help_teaches_every_command() {
 #[test]
 fn plan_says_what_is_done_and_left_out() {
     let json = answer("plan paper-disc");
-    let stages: Vec<&str> =
-        json["stages"].as_array().unwrap().iter().map(|s| s["stage"].as_str().unwrap()).collect();
+    let stages = texts(&json["stages"], "stage");
     let [images, touches] = [5, 3];
     assert_eq!(stages.len(), images + touches, "{stages:?}");
     assert!(stages.ends_with(&["sheet as it is", "detector of touches", "touches of each frame"]));
-    let left_out = json["left_out"].to_string();
-    assert!(left_out.contains("complex") && left_out.contains("U-net"), "{left_out}");
-    // measured 4e-3 on the default mesh; a wrong closed form or mesh would be far off
-    let error = number(&json, "expected_voltage_error");
-    assert!((1e-4..2e-2).contains(&error), "{error}");
+    says(&json["left_out"].to_string(), "complex…U-net");
 }
 
 /// A mesh written and read back gives the same voltages to the bit, and the Jacobian has the announced shape.
 #[test]
 fn mesh_file_forward_and_jacobian_agree() {
-    let folder = Folder::new();
-    let scene = folder.scene("");
+    let (folder, scene) = Folder::with_scene("");
     for name in ["skin.vtu", "skin.png", "skin.msh"] {
         succeed(format!("mesh {scene} --out {}", folder.path(name)));
     }
     let [direct, by_file, mesh] = folder.paths(["direct.npy", "by_file.npy", "skin.msh"]);
     succeed(format!("forward {scene} --out {direct}"));
     succeed(format!("forward {scene} --mesh {mesh} --out {by_file}"));
-    let v: Array1<f64> = read_array(&direct);
-    let w: Array1<f64> = read_array(&by_file);
-    assert_eq!(v.len(), 40);
-    assert_eq!(v, w);
+    let [v, w] = [&direct, &by_file].map(read_array::<Ix1>);
+    assert_eq!((v.len(), &v), (40, &w));
     let [jacobian, moved] = folder.paths(["j.npy", "moved.npy"]);
     let json = answer(format!("jacobian {scene} --out {jacobian}"));
     let j: Array2<f64> = read_array(&jacobian);
-    assert_eq!(json["shape"], serde_json::json!([j.nrows(), j.ncols()]));
+    assert_eq!(json["shape"], json!([j.nrows(), j.ncols()]));
     // one element 1 % more conductive: the change of the voltages is the Jacobian's column
     let element = j.ncols() / 2;
     let step = 1e-7;
@@ -62,9 +45,8 @@ fn mesh_file_forward_and_jacobian_agree() {
     sigma[[0, element]] += step;
     let sigma_file = folder.write_array("sigma.npy", &sigma);
     succeed(format!("forward {scene} --conductivity {sigma_file} --out {moved}"));
-    let moved: Array1<f64> = read_array(&moved);
     let column = j.column(element).to_owned() * step;
-    let (error, size) = (largest(&(&moved - &v - &column)), largest(&column));
+    let (error, size) = (largest(&(&read_array::<Ix1>(&moved) - &v - &column)), largest(&column));
     // the second-order term of a change of 1 %
     assert!(error < 0.02 * size, "{error:e} of {size:e}");
 }
@@ -96,8 +78,7 @@ fn the_same_frames_give_the_same_images() {
 /// A second run leaves nothing of the first next to its own results.
 #[test]
 fn results_of_an_earlier_run_do_not_stay() {
-    let folder = Folder::new();
-    let scene = folder.scene("");
+    let (folder, scene) = Folder::with_scene("");
     let (one, out) = (folder.path("one.csv"), folder.path("out"));
     succeed(format!("forward {scene} --out {one}"));
     let two = folder.write("two.csv", read_text(&one).repeat(2));

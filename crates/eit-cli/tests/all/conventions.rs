@@ -1,9 +1,6 @@
 //! Flags that every command has, and options beside a scene.
 
-use crate::common::{
-    Folder, all_said, altered, command, eit, read_array, read_text, recorded, refuse_each, says,
-    stderr, stdout, succeed,
-};
+use crate::common::*;
 
 fn colored(line: &str, environment: &[(&str, &str)]) -> bool {
     let mut command = command(line);
@@ -34,8 +31,7 @@ fn stages_are_timed_or_nothing_is_said() {
     let (scene, out) = (folder.scene(""), folder.path("v.csv"));
     let forward = |flag: &str| -> (String, String) {
         let output = eit(format!("forward {scene} --out {out} {flag}"));
-        assert!(output.status.success());
-        (stdout(&output), stderr(&output))
+        (stdout(&output), ended(&output, 0))
     };
     let (plain, noted) = forward("");
     assert!(!plain.is_empty() && noted.is_empty(), "{noted}");
@@ -65,23 +61,20 @@ fn a_note_is_reported_once() {
     let folder = Folder::new();
     let scene = folder.altered("[protocol]", "[protocol]\ncheck_order = false");
     let out = folder.path("out");
-    let row = |r: usize| (0..40).map(|i| format!("{}", 1 + (7 * i + r) % 11)).collect::<Vec<_>>();
-    let rows: Vec<String> = (0..12).map(|r| row(r % 3).join(",")).collect();
-    let frames = folder.write("f.csv", rows.join("\n") + "\n");
-    let output = eit(format!(
-        "reconstruct {scene} --frames {frames} --reference 0..10 --method gauss-newton --out {out}"
-    ));
-    let (said, noted) = (stdout(&output), stderr(&output));
-    assert!(output.status.success(), "{noted}");
+    let value = |(r, i): (usize, usize)| (1 + (7 * i + r % 3) % 11) as f64;
+    let rows = table(&Array2::from_shape_fn((12, 40), value));
+    let frames = folder.write("f.csv", &rows);
+    let more = format!("--reference 0..10 --method gauss-newton --out {out}");
+    let output = eit(format!("reconstruct {scene} --frames {frames} {more}"));
+    let (said, noted) = (stdout(&output), ended(&output, 0));
     let words = "explains the reference poorly";
-    let times = [&said, &noted].map(|text| text.matches(words).count());
-    assert_eq!(times, [0, 1], "{said}{noted}");
+    assert_eq!([&said, &noted].map(|text| text.matches(words).count()), [0, 1], "{said}{noted}");
     let report = read_text(format!("{out}/report.json"));
     assert_eq!(report.matches(words).count(), 1, "{report}");
     // one of several files that have the same fault
-    let cut = folder.write("g.csv", rows.join("\n"));
-    let line = format!("reconstruct {scene} --frames {cut} {cut} {frames} {cut} --reference 0..10");
-    let all = all_said(&eit(format!("{line} --method gauss-newton --out {out}")));
+    let cut = folder.write("g.csv", rows.trim_end());
+    let line = format!("reconstruct {scene} --frames {cut} {cut} {frames} {cut} {more}");
+    let all = all_said(&eit(line));
     assert_eq!(all.matches("has no line end").count(), 1, "{all}");
     assert!(all.contains("(2 more files have such a note)"), "{all}");
 }
@@ -95,8 +88,8 @@ fn options_stand_beside_the_scene() {
     let keys = "[simulate]\nframes = 23\nscript = \"press-and-hold\"\n[live]\nweb = true\n";
     let options = folder.write("eit.toml", keys);
     for (more, frames) in [("", 23), ("--frames 25", 25)] {
-        assert!(simulate(more).status.success());
-        assert_eq!(read_array::<ndarray::Ix2>(&out).nrows(), frames);
+        ended(&simulate(more), 0);
+        assert_eq!(read_array::<Ix2>(&out).nrows(), frames);
     }
     // other commands and built-in scenes do not see it
     succeed(format!("plan {scene}"));
@@ -110,19 +103,14 @@ fn options_stand_beside_the_scene() {
         ("[simulate", "eit.toml"),
     ] {
         std::fs::write(&options, content).unwrap();
-        let output = simulate("");
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(2), "{content}: {said}");
-        assert!(said.contains(words) && said.contains("eit.toml"), "{content}: {said}");
-        assert_eq!(said.lines().count(), 1, "{content}: {said}");
+        says(&one_line(&simulate(""), 2), format!("{words}…eit.toml"));
     }
     std::fs::remove_file(&options).unwrap();
     std::fs::create_dir(&options).unwrap();
     says(&stderr(&simulate("")), "eit.toml: not a file of at most");
 }
 
-/// A board that measures each electrode against the sink, with frames in rows or one value per line: refused with what
-/// to set, and right once that is set.
+/// A board that measures each electrode against the sink, in rows or one value per line: refused with what to set.
 #[test]
 fn potentials_are_recognised_by_what_they_are() {
     let folder = Folder::new();
@@ -139,15 +127,13 @@ fn potentials_are_recognised_by_what_they_are() {
     let out = folder.path("v.csv");
     succeed(format!("forward {truth} --out {out}"));
     let mut voltages = recorded(&out, false).into_iter();
-    let frame: Vec<f64> =
-        (0..256).map(|k| if is_driven(k) { 0.0 } else { voltages.next().unwrap() }).collect();
+    let mut value = |k| if is_driven(k) { 0.0 } else { voltages.next().unwrap() };
+    let frame: Vec<f64> = (0..256).map(&mut value).collect();
     assert_eq!(voltages.next(), None);
-    let scaled =
-        |k: usize| frame.iter().map(move |v| (v * (1.0 + 1e-4 * (k % 3) as f64)).to_string());
-    let rows: Vec<String> = (0..12).map(|k| scaled(k).collect::<Vec<_>>().join(",")).collect();
-    let lines: Vec<String> = (0..12).flat_map(scaled).collect();
-    for (name, text) in [("rows.csv", rows.join("\n")), ("lines.txt", lines.join("\n"))] {
-        folder.write(name, &text);
+    let value = |(k, i): (usize, usize)| frame[i] * (1.0 + 1e-4 * (k % 3) as f64);
+    let rows = table(&Array2::from_shape_fn((12, 256), value));
+    for (name, text) in [("rows.csv", &rows), ("lines.txt", &rows.replace(',', "\n"))] {
+        folder.write(name, text);
         let recording = format!(
             "[recording]\nfile = \"{name}\"\nreference = \"0..6\"\n[reconstruction]\npixels = 16\n"
         );
@@ -170,25 +156,4 @@ fn potentials_are_recognised_by_what_they_are() {
         let is_explained = found.is_some_and(|(found, _)| found.parse::<f64>().unwrap() > 0.99);
         assert!(output.status.success() && is_explained, "{all}");
     }
-}
-
-/// Another order is told before a table is converted; magnitudes calibrate like voltages.
-#[test]
-fn values_are_what_the_scene_says_or_are_refused() {
-    let folder = Folder::new();
-    let scene = folder.scene("");
-    let ascending = altered("[mesh]", "order = \"ascending\"\n[mesh]");
-    let ascending = folder.write("ascending.toml", ascending);
-    let [table, out] = folder.paths(["v.csv", "v.mcap"]);
-    succeed(format!("forward {ascending} --out {table}"));
-    let convert = |scene: &str| format!("convert {table} --scene {scene} --out {out}");
-    refuse_each([(convert(&scene), "set that…order = \"ascending\"")]);
-    succeed(convert(&ascending));
-    // all voltages of adjacent pairs have one sign: those of other conductivity as magnitudes give it back
-    succeed(format!("forward {scene} --out {table}"));
-    let sizes = recorded(&table, false).mapv(f64::abs);
-    let sizes = folder.write_array("sizes.npy", &sizes);
-    let guess = folder.altered("conductivity_s = 1e-5", "conductivity_s = 2e-5");
-    let said = succeed(format!("calibrate {guess} --frames {sizes}"));
-    says(&said, "the values are magnitudes…conductivity 1.0000e-5 S");
 }

@@ -1,18 +1,8 @@
 //! `eit demo` as a user runs it, and obstacles it may meet.
 #![cfg(unix)]
 
-use crate::common::emulated::signal;
-use crate::common::{
-    Folder, answer, command, exists, number, parse, read, read_array, read_text, refuse, says,
-    stderr, stdout, succeed, wait_until,
-};
-use ndarray::Array3;
-use serde_json::Value;
-use std::process::Stdio;
-
-fn images(folder: &str) -> Array3<f64> {
-    read_array(format!("{folder}/images.npy"))
-}
+use crate::common::emulated::{signal, spawn};
+use crate::common::*;
 
 /// Every file that an answer names exists; returns how many.
 fn files_exist(out: &str, answer: &Value) -> usize {
@@ -28,8 +18,7 @@ fn shown(page: &str) -> Vec<&str> {
     page.split("<img src=\"").skip(1).map(|p| p.split('"').next().unwrap()).collect()
 }
 
-/// Fingers are found, every result exists, the page needs no other files, and the recordings reproduce
-/// images, raw images and touches bit for bit.
+/// Every result exists, and the page needs no other files.
 #[test]
 fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
     let folder = Folder::new();
@@ -57,26 +46,24 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
     assert_eq!(page.matches("data:image/png;base64,").count(), 3);
     assert!(page.len() < 1_000_000 && !page.contains("data:image/gif"), "{} bytes", page.len());
     let named = shown(&page);
-    let files = named.iter().filter(|name| !name.starts_with("data:"));
+    let mut files = named.iter().filter(|name| !name.starts_with("data:"));
     assert_eq!(files.clone().count(), 9, "{named:?}");
-    assert!(files.clone().all(|name| exists(format!("{out}/{name}"))), "{named:?}");
+    assert!(files.all(|name| exists(format!("{out}/{name}"))), "{named:?}");
     for never in ["http:", "https:", "<script", "src=\"/", "href=\"/"] {
         assert!(!page.contains(never), "{never}");
     }
     for experiment in ["one-finger", "two-fingers"] {
         let again = folder.path(experiment);
         succeed(format!("replay {out}/scene.toml --from {out}/{experiment}.mcap --out {again}"));
-        assert_eq!(images(&again).dim().1, 32);
+        assert_eq!(read_array::<Ix3>(format!("{again}/images.npy")).dim().1, 32);
         for file in ["images.npy", "raw.npy", "touches.csv"] {
-            let made =
-                [&format!("{out}/{experiment}"), &again].map(|f| read(format!("{f}/{file}")));
-            assert!(made[0] == made[1], "{experiment}: {file} differs");
+            let made = read(format!("{out}/{experiment}/{file}"));
+            assert!(made == read(format!("{again}/{file}")), "{experiment}: {file} differs");
         }
     }
 }
 
-/// The paper's page on the first frames of its experiments: every picture exists and has its seed, the nets of both trainings
-/// halve the errors that the paper judges by, fingers and pressures are found, and the page says how to train the nets.
+/// The first frames of the paper's experiments: pictures with their seeds, errors halved, fingers and pressures found.
 #[test]
 fn the_paper_as_it_is_printed() {
     let folder = Folder::new();
@@ -99,26 +86,21 @@ fn the_paper_as_it_is_printed() {
     let named = shown(&page);
     assert_eq!(named.len(), 20, "{named:?}");
     assert!(named.iter().all(|name| exists(format!("{out}/{name}"))), "{named:?}");
-    for said in ["seed 1", "439 pairs", "273 pairs", "reduced by more than half", "--pairs 439"] {
-        assert!(page.contains(said), "{said}");
-    }
+    says(&page, "seed 1…439 pairs…273 pairs…reduced by more than half…--pairs 439");
     // again in the same folder, but not over files of others
     folder.write("paper/notes.txt", "mine");
     says(&refuse(format!("demo --paper --quick --out {out}")), "notes.txt");
 }
 
-/// A folder with other files, even a scene of the user's, is rejected by name and left unchanged; with --force the demo
-/// writes next to them. Ctrl-C in the middle: files are complete and listed, and the next demo accepts them. Without a
-/// folder for the terminal's name the instrument is reached by TCP, and the answer says so.
+/// Files of others, even a scene, are named and kept, also with --force and through Ctrl-C, after which the demo's own are
+/// complete, listed, and accepted by the next one.
 #[test]
 fn a_folder_is_kept_through_ctrl_c_and_tcp_stands_in() {
     let folder = Folder::new();
     let out = folder.path("thesis");
     let names = ["a.txt", "b.txt", "c.txt", "d.txt", "scene.toml"];
     std::fs::create_dir(&out).unwrap();
-    for name in names {
-        folder.write(&format!("thesis/{name}"), "mine");
-    }
+    names.iter().for_each(|name| _ = folder.write(&format!("thesis/{name}"), "mine"));
     let said = refuse(format!("demo --quick --out {out}"));
     says(&said, "contains a.txt, b.txt, c.txt and 2 more…--force");
     let is_kept = |name: &&str| read_text(format!("{out}/{name}")) == "mine";
@@ -126,18 +108,16 @@ fn a_folder_is_kept_through_ctrl_c_and_tcp_stands_in() {
     std::fs::remove_file(format!("{out}/scene.toml")).unwrap();
 
     // the whole demo takes more than half a minute: the signal arrives in the middle on any computer
-    let mut demo = command(format!("demo --force --out {out} --json"));
-    let child = demo.stdout(Stdio::piped()).stderr(Stdio::inherit()).spawn().unwrap();
+    let child = spawn(format!("demo --force --out {out} --json"));
     let recording = format!("{out}/one-finger.mcap");
     wait_until(|| exists(&recording));
     signal(&child, "-INT");
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(0));
+    ended(&output, 0);
     let answer = parse(&stdout(&output));
     assert_eq!(answer["interrupted"], true, "{answer}");
     let named = files_exist(&out, &answer);
-    let all = std::fs::read_dir(&out).unwrap().count();
-    assert_eq!(all, named + 4, "nothing that is not named");
+    assert_eq!(names_in(&out).len(), named + 4, "nothing that is not named");
     let capture = eit_hw::capture::read(&recording).unwrap();
     assert!(!capture.damage.unfinished, "its end is written");
     let recorded = capture.frames().count();
@@ -146,7 +126,8 @@ fn a_folder_is_kept_through_ctrl_c_and_tcp_stands_in() {
     // the first 40 are the reference
     assert!((seen..=seen + 40).contains(&recorded), "{recorded} recorded, {seen} seen");
     if seen > 0 {
-        assert_eq!(images(&format!("{out}/one-finger")).dim(), (seen, 64, 64));
+        let images: Array3<f64> = read_array(format!("{out}/one-finger/images.npy"));
+        assert_eq!(images.dim(), (seen, 64, 64));
     }
     let page = format!("{out}/report.html");
     assert!(!exists(&page));
@@ -157,8 +138,7 @@ fn a_folder_is_kept_through_ctrl_c_and_tcp_stands_in() {
     names[..4].iter().for_each(|name| std::fs::remove_file(format!("{out}/{name}")).unwrap());
     let mut demo = command(format!("demo --quick --out {out}"));
     let output = demo.env("TMPDIR", folder.path("nowhere")).output().unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
-    let said = stdout(&output);
-    assert!(said.contains("TCP on this computer, because no pseudo-terminal was available"));
+    ended(&output, 0);
+    says(&stdout(&output), "TCP on this computer, because no pseudo-terminal was available");
     assert!(exists(&page));
 }

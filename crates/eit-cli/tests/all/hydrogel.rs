@@ -1,16 +1,13 @@
-//! Robot presses on real hydrogel skins: one rotation, reflection and scale are fitted on 100 presses (and,
-//! in a second row, the noise figure is chosen on them); everything else is the model's; errors are those of
-//! the other presses.
-//!
-//! Every number printed here appears in `docs/validation/learning.md`. The data is read in place.
+//! Robot presses on real hydrogel skins, fitted and judged as `docs/validation/learning.md` says, where every number
+//! printed here appears.
 
-use crate::common::Folder;
+use crate::common::*;
 use eit_denoise::{Denoiser, Weights};
 use eit_inverse::metrics::{Cells, ChangeSign, blobs};
 use eit_skin::{Progress, Skin};
 use fixtures::hydrogel::{mean, quadruples, quantile, values};
-use ndarray::{Array2, ArrayView1, Axis};
 use std::f64::consts::TAU;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -78,10 +75,9 @@ fn places(skin: Skin, [pressed, before]: &[Array2<f64>; 2], mut net: Option<&Wei
 /// untouched frames: a magnitude changes with the sign of its voltage, and the unit of the instrument is unknown.
 fn of_model(skin: &Skin, changes: &Array2<f64>) -> [Array2<f64>; 2] {
     let voltages = skin.model.forward(&skin.background_s()).unwrap();
-    let sizes =
-        |values: &mut dyn Iterator<Item = &f64>| values.map(|v| v.abs()).collect::<Vec<_>>();
-    let typical = quantile(&sizes(&mut voltages.iter()), 0.5);
-    let unit = 0.01 * typical / quantile(&sizes(&mut changes.iter()), 0.9);
+    let typical = quantile(&voltages.mapv(f64::abs).to_vec(), 0.5);
+    let sizes: Vec<f64> = changes.iter().map(|change| change.abs()).collect();
+    let unit = 0.01 * typical / quantile(&sizes, 0.9);
     let before = Array2::from_shape_fn(changes.dim(), |(_, i)| voltages[i]);
     [&before + &(changes * &voltages.mapv(|v| v.signum() * unit)), before]
 }
@@ -103,41 +99,33 @@ impl Map {
 
     /// The best of a grid by the mean distance, on which outliers have limited influence.
     fn fit(found: &[[f64; 2]], truth: &[[f64; 2]]) -> (Self, f64) {
-        let mut best = (Self { angle: 0.0, mirror: 1.0, scale: 1.0 }, f64::INFINITY);
-        let unit =
-            quantile(&from_middle(truth), 0.5) / quantile(&from_middle(found), 0.5).max(1e-9);
-        let attempt = |map: Self, best: &mut (Self, f64)| {
-            let mean = mean(&map.errors(found, truth));
-            if mean < best.1 {
-                *best = (map, mean);
-            }
+        let [wanted, seen] = [truth, found].map(|places| quantile(&from_middle(places), 0.5));
+        let unit = wanted / seen.max(1e-9);
+        let best = |maps: Vec<Self>| -> (Self, f64) {
+            let judged = maps.into_iter().map(|map| (map, mean(&map.errors(found, truth))));
+            judged.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap()
+        };
+        let grid = |turns: Range<i32>, sizes: Range<i32>| {
+            let of = move |turn| sizes.clone().map(move |size| [turn, size].map(f64::from));
+            turns.flat_map(of)
         };
         // coarse, then fine around the best
-        for mirror in [1.0, -1.0] {
-            for turn in 0..72 {
-                for size in 0..12 {
-                    let scale = unit * (0.4 + 0.1 * f64::from(size));
-                    attempt(Self { angle: TAU * f64::from(turn) / 72.0, mirror, scale }, &mut best);
-                }
-            }
-        }
-        let (coarse, _) = best;
-        for turn in -10..=10 {
-            for size in -10..=10 {
-                let angle = coarse.angle + 0.5_f64.to_radians() * f64::from(turn);
-                let scale = coarse.scale + 0.01 * unit * f64::from(size);
-                attempt(Self { angle, scale, ..coarse }, &mut best);
-            }
-        }
-        best
+        let coarse = grid(0..72, 0..12).flat_map(|[turn, size]| {
+            let (angle, scale) = (TAU * turn / 72.0, unit * (0.4 + 0.1 * size));
+            [1.0, -1.0].map(|mirror| Self { angle, mirror, scale })
+        });
+        let (coarse, _) = best(coarse.collect());
+        let fine = grid(-10..11, -10..11).map(|[turn, size]| Self {
+            angle: coarse.angle + 0.5_f64.to_radians() * turn,
+            scale: coarse.scale + 0.01 * unit * size,
+            ..coarse
+        });
+        best(fine.collect())
     }
 
     fn errors(&self, found: &[[f64; 2]], truth: &[[f64; 2]]) -> Vec<f64> {
-        let error = |(found, truth): (&[f64; 2], &[f64; 2])| {
-            let place = self.apply(*found);
-            (place[0] - truth[0]).hypot(place[1] - truth[1])
-        };
-        found.iter().zip(truth).map(error).collect()
+        let pairs = found.iter().zip(truth);
+        pairs.map(|(found, truth)| distance_m(self.apply(*found), *truth)).collect()
     }
 }
 

@@ -1,12 +1,9 @@
-//! `eit init` as the builder of a new skin uses it: a board that prints lines of numbers and whose wiring is
-//! not documented, and a finger that presses on request. The board's voltages come from another mesh than the
-//! command's, solved with the press in it (no linearisation), rounded to converter steps.
+//! `eit init` with an emulated board that prints lines of numbers and a finger that presses on request. The voltages come
+//! from another mesh than the command's, solved with the press in it (no linearisation), in converter steps.
 #![cfg(unix)]
 
 use crate::common::emulated::{Board, converse, side_by_side};
-use crate::common::{
-    Folder, exists, largest, number, parse, read_text, refuse, refuse_each, says, succeed,
-};
+use crate::common::*;
 use eit_fem::{DrivenElectrodes, ForwardModel, Protocol};
 use eit_skin::first_scene::{FirstScene, Outline};
 use eit_skin::scene::{ChangeSign, Direction, Position, Scene};
@@ -35,8 +32,8 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
     let place = |k: usize| {
         let off = wiring.uneven * [0.0, 1.0, -0.5, -1.0, 0.7][k % 5];
         // along the rim from the middle of the right edge: half of it, then the others and the first again
-        let mut left =
-            (k as f64 + off) / count as f64 * 2.0 * (width_m + height_m) + height_m / 2.0;
+        let rim_m = 2.0 * (width_m + height_m);
+        let mut left = (k as f64 + off) / count as f64 * rim_m + height_m / 2.0;
         let [mut x, mut y, mut dx, mut dy] = [width_m / 2.0, -height_m / 2.0, 0.0, 1.0];
         for long in [height_m, width_m, height_m, width_m, height_m] {
             let step = left.min(long);
@@ -55,8 +52,7 @@ fn scene(truth: &FirstScene, wiring: Wiring) -> Scene {
     scene
 }
 
-/// Frames of the true skin, in steps of a 16-bit converter: untouched, and pressed at each of the places;
-/// `times` is the factor of the conductivity under the finger.
+/// Untouched, and pressed at each place so that the conductivity is `times` as large; in steps of a 16-bit converter.
 fn frames(truth: &FirstScene, wiring: Wiring, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
     let skin = Skin::from_scene(scene(truth, wiring)).unwrap();
     let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
@@ -93,16 +89,11 @@ fn against_sink(quadruples: &[[u32; 4]], electrodes: u32) -> Vec<[u32; 4]> {
     drives.flat_map(of_drive).collect()
 }
 
-/// Runs `eit init` on the board and presses when asked; returns scene file, stdout and stderr.
-fn init(
-    folder: &Folder,
-    truth: &FirstScene,
-    wiring: Wiring,
-    times: f64,
-    options: &str,
-) -> (String, String, String) {
+/// Runs `eit init` on the board and presses when asked; returns the folder of `my.toml`, stdout and stderr.
+fn init(truth: &FirstScene, wiring: Wiring, times: f64, options: &str) -> (Folder, String, String) {
     let frames = frames(truth, wiring, &truth.outline.press_places_m(), times);
-    let (board, file) = (Board::start(40.0, frames[0].clone()), folder.path("my.toml"));
+    let (board, folder) = (Board::start(40.0, frames[0].clone()), Folder::new());
+    let file = folder.path("my.toml");
     let line = format!("init {file} --port {} --listen-s 1.5 {options}", board.port);
     let (answer, code, said) = converse(line, |line, _, _| {
         for (words, frame) in [("press 1", 1), ("press 2", 2), ("detected", 0)] {
@@ -112,14 +103,13 @@ fn init(
         }
     });
     assert_eq!(code, 0, "{said}");
-    (file, answer, said)
+    (folder, answer, said)
 }
 
 /// The scene that is written is the true one.
 fn check(truth: &FirstScene, times: f64, options: &str) {
-    let folder = Folder::new();
-    let (file, answer, said) = init(&folder, truth, Wiring::default(), times, options);
-    let scene = Scene::load(&file).unwrap();
+    let (folder, answer, said) = init(truth, Wiring::default(), times, options);
+    let scene = Scene::load(folder.path("my.toml")).unwrap();
     let all = format!("{said}{answer}");
     assert!(!all.contains("nsure"), "{all}");
     let angle = scene.electrodes.first_angle_deg.unwrap();
@@ -133,10 +123,8 @@ fn check(truth: &FirstScene, times: f64, options: &str) {
     assert_eq!(skin.protocol.quadruples().unwrap(), measured, "{all}");
 }
 
-/// The paper's disc, wired clockwise from the upper left, values in the order of the electrodes; the same board where it
-/// prints the potential of each undriven electrode against the sink, of which pairs are formed, here and in the scene; a
-/// rectangle whose touches lower the conductivity, wired from the middle of its left edge; eight electrodes of a disc
-/// with opposite drive, all pairs measured.
+/// The paper's disc, wired clockwise from the upper left, values in the order of the electrodes; as potentials against the
+/// sink; a rectangle whose touches lower the conductivity; eight electrodes with opposite drive.
 #[test]
 fn the_scene_of_a_board_is_found() {
     let disc = || FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
@@ -168,13 +156,13 @@ fn rectangle() -> FirstScene {
 #[test]
 fn exchanged_wires_are_named() {
     side_by_side([(4, ""), (15, ""), (9, " --no-presses")], |(swapped, more)| {
-        let (folder, wiring) =
-            (Folder::new(), Wiring { swapped: Some(swapped), ..Wiring::default() });
-        let (file, answer, said) =
-            init(&folder, &rectangle(), wiring, 1.5, &format!("{RECTANGLE}{more}"));
+        let wiring = Wiring { swapped: Some(swapped), ..Wiring::default() };
+        let options = format!("{RECTANGLE}{more}");
+        let (folder, answer, said) = init(&rectangle(), wiring, 1.5, &options);
+        let file = folder.path("my.toml");
         let (all, written) = (format!("{said}{answer}"), read_text(&file));
-        let words =
-            format!("electrodes {} and {} look exchanged", swapped + 1, (swapped + 1) % 16 + 1);
+        let next = (swapped + 1) % 16;
+        let words = format!("electrodes {} and {} look exchanged", swapped + 1, next + 1);
         assert!(all.contains(&words) && written.contains(&words), "{all}{written}");
         // told before the presses, and with the answer
         let times = if more.is_empty() { 2 } else { 1 };
@@ -192,9 +180,8 @@ fn exchanged_wires_are_named() {
 fn uneven_electrodes_are_noticed() {
     let options = format!("{RECTANGLE} --json --no-presses");
     side_by_side([(0.0, false), (0.05, false), (0.3, true)], |(uneven, is_reported)| {
-        let (folder, wiring) = (Folder::new(), Wiring { uneven, ..Wiring::default() });
-        let (_, answer, _) = init(&folder, &rectangle(), wiring, 1.5, &options);
-        let answer = parse(&answer);
+        let wiring = Wiring { uneven, ..Wiring::default() };
+        let answer = parse(&init(&rectangle(), wiring, 1.5, &options).1);
         let unsure = answer["unsure"].to_string();
         assert_eq!(unsure.contains("not equally spaced"), is_reported, "{uneven}: {answer}");
         assert!(answer["swapped_electrodes"].is_null(), "{uneven}: {answer}");

@@ -2,13 +2,8 @@
 #![cfg(unix)]
 
 use crate::common::emulated::{emulate, scene_at_port, side_by_side, signal};
-use crate::common::{
-    SMALL, answer, command, eit, eit_in_shell, exists, largest, number, parse, read, read_array,
-    recorded, refuse_each, says, stderr, stdout, succeed, touched_frames, wait_until,
-};
+use crate::common::*;
 use eit_hw::capture::{Capture, Entry};
-use ndarray::{Array2, ArrayView1, Ix3};
-use std::process::{Child, Command, Stdio};
 
 const EITS1: &str = "driver = \"eits1\"\nframe_rate_hz = 100.0";
 const FAST: &str = "driver = \"eits1\"\nframe_rate_hz = 200.0";
@@ -34,7 +29,7 @@ fn record_takes_what_each_instrument_sends() {
         let _emulated = emulate(&scene, &port, &format!("--frames {file} --rate-hz 50"));
         let [out, table] = folder.paths(["press.mcap", "press.csv"]);
         let json = answer(format!("record {scene} --out {out} --frames 60"));
-        assert_eq!((&json["frames"], &json["lost"]), (&60.into(), &0.into()), "{json}");
+        has(&json, json!({ "frames": 60, "lost": 0 }));
         // frames come late while others use the processor: what is told is the time that they took
         let times = eit_hw::capture::read(&out).unwrap();
         let times_s: Vec<f64> = times.frames().map(|f| f.host_time_s.unwrap()).collect();
@@ -50,8 +45,7 @@ fn record_takes_what_each_instrument_sends() {
         let near = |row: ArrayView1<'_, f64>, at: usize| {
             largest(&(&row - &sent.row(at % 200))) <= tolerance * largest(sent)
         };
-        let first = (0..200).find(|&at| near(read.row(0), at));
-        let first = first.unwrap_or_else(|| panic!("{instrument}: no frame that was sent"));
+        let first = (0..200).find(|&at| near(read.row(0), at)).expect("a frame that was sent");
         for (step, row) in read.rows().into_iter().enumerate() {
             assert!(near(row, first + step), "{instrument}: frame {step}");
         }
@@ -65,30 +59,26 @@ fn check_tells_who_it_is_and_how_it_is() {
     {
         let _emulated = emulate(&scene, &port, "--serial 0042");
         let json = answer(format!("check {scene} --identify"));
-        let found = ["instrument", "serial", "values"].map(|key| json[key].to_string());
-        assert_eq!(found, ["\"emulated skin\"", "\"0042\"", "40"]);
+        has(&json, json!({ "instrument": "emulated skin", "serial": "0042", "values": 40 }));
         let json = answer(format!("check {scene} --frames 40"));
-        assert_eq!(json["verdict"], "good", "{json}");
-        assert_eq!((&json["frames"], &json["lost_frames"]), (&40.into(), &0.into()));
+        has(&json, json!({ "verdict": "good", "frames": 40, "lost_frames": 0 }));
     }
     // electrode 3 has a bad contact: it drives more weakly than it senses
     let (_, sent) = touched_frames(&folder);
     let weak = Array2::from_shape_fn((60, 40), |(frame, i)| {
         let drive = i / 5;
-        let bad = drive == 2 || (drive + 1) % 8 == 2;
-        sent[[frame, i]] * if bad { 0.1 } else { 1.0 }
+        sent[[frame, i]] * if drive == 2 || (drive + 1) % 8 == 2 { 0.1 } else { 1.0 }
     });
     let file = folder.write_array("weak.npy", &weak);
     let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
     let output = eit(format!("check {scene} --frames 40"));
-    assert_eq!(output.status.code(), Some(4));
+    ended(&output, 4);
     let said = stdout(&output);
     assert!(said.starts_with("emulated skin 1: faulty"), "{said}");
     says(&said, "electrode 3: reciprocity error…fasten it");
 }
 
-/// Electrode 3 opens in frame 100 of 200 that are sent in a loop, and is sound again with the first: `record`
-/// reports each once, on stderr, in its answer and in the recording, and loses nothing.
+/// `record` reports each fault and its end once, on stderr, in its answer and in the recording, and loses nothing.
 #[test]
 fn record_names_an_electrode_that_opens() {
     let (folder, scene, port) = scene_at_port(EITS1);
@@ -104,23 +94,20 @@ fn record_names_an_electrode_that_opens() {
     let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
     // wherever recording starts, it contains all of one round and the second after the fault
     let output = eit(format!("record {scene} --out {out} --frames 900 --json"));
-    let said = stderr(&output);
-    assert!(output.status.success(), "{said}");
-    let json = parse(&stdout(&output));
-    assert_eq!((&json["frames"], &json["lost"]), (&900.into(), &0.into()), "{json}");
+    let (said, json) = (ended(&output, 0), parse(&stdout(&output)));
+    has(&json, json!({ "frames": 900, "lost": 0 }));
     let faults = json["faulty_electrodes"].as_array().unwrap();
     assert!((1..=3).contains(&faults.len()), "{json}");
     assert!(faults.iter().all(|fault| fault["electrode"] == 3), "{json}");
-    let whole = faults.iter().find(|fault| fault["until_s"].is_number()).unwrap();
+    let healed: Vec<_> = faults.iter().filter(|fault| fault["until_s"].is_number()).collect();
     // 1 s of the fault and 1 s in which it must be sound, unless the reference started within the fault
-    let lasted_s = number(whole, "until_s") - number(whole, "since_s");
+    let lasted_s = number(healed[0], "until_s") - number(healed[0], "since_s");
     assert!((1.0..2.5).contains(&lasted_s), "{json}");
-    let heals = faults.iter().filter(|fault| fault["until_s"].is_number()).count();
     assert_eq!(said.matches("electrode 3 contradicts").count(), faults.len(), "{said}");
-    assert_eq!(said.matches("electrode 3 is sound again").count(), heals, "{said}");
+    assert_eq!(said.matches("electrode 3 is sound again").count(), healed.len(), "{said}");
     let capture = eit_hw::capture::read(&out).unwrap();
     assert_eq!(capture.frames().count(), 900);
-    assert_eq!(notes(&capture, "electrode 3"), faults.len() + heals);
+    assert_eq!(notes(&capture, "electrode 3"), faults.len() + healed.len());
 }
 
 /// Unplugged twice meanwhile: the recording says so, and continues in new epochs.
@@ -131,10 +118,9 @@ fn record_goes_on_over_an_unplugged_instrument() {
     let _emulated = emulate(&scene, &port, faults);
     let out = folder.path("press.mcap");
     let output = eit(format!("record {scene} --out {out} --frames 120 --json"));
-    assert!(output.status.success());
-    assert_eq!(stderr(&output).matches("disconnected").count(), 2, "{}", stderr(&output));
-    let json = parse(&stdout(&output));
-    assert_eq!((&json["frames"], &json["reconnections"]), (&120.into(), &2.into()), "{json}");
+    let (said, json) = (ended(&output, 0), parse(&stdout(&output)));
+    assert_eq!(said.matches("disconnected").count(), 2, "{said}");
+    has(&json, json!({ "frames": 120, "reconnections": 2 }));
     let capture = eit_hw::capture::read(&out).unwrap();
     let epochs: Vec<u32> = capture.frames().map(|frame| frame.epoch).collect();
     assert!(epochs.is_sorted() && epochs.last() == Some(&2), "{epochs:?}");
@@ -142,18 +128,10 @@ fn record_goes_on_over_an_unplugged_instrument() {
     assert!(!capture.damage.unfinished);
 }
 
-/// Starts `eit record`, below a program if one is given, and waits until some frames are in the file.
-fn start_recording(scene: &str, out: &str, shell: Option<&str>) -> Child {
-    let record = format!("record {scene} --out {out} --json");
-    let mut program = match shell {
-        None => command(&record),
-        Some(script) => {
-            let mut shell = Command::new("sh");
-            shell.args(["-c", script, "sh", env!("CARGO_BIN_EXE_eit")]).args(record.split(' '));
-            shell
-        }
-    };
-    let child = program.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+/// Starts `eit record` after commands of the shell and waits until some frames are in the file.
+fn start_recording(scene: &str, out: &str, before: &str) -> Child {
+    let mut record = in_shell(before, format!("record {scene} --out {out} --json"));
+    let child = record.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     // the first chunk only contains the session
     grows(out, 10_000);
     child
@@ -168,31 +146,26 @@ fn grows(path: &str, bytes: u64) {
 fn end_recording(child: Child, name: &str, out: &str) {
     signal(&child, name);
     let output = child.wait_with_output().unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
-    let json = parse(&stdout(&output));
-    assert_eq!(json["interrupted"], true);
+    ended(&output, 0);
     let capture = eit_hw::capture::read(out).unwrap();
     assert_eq!(capture.damage, Default::default());
-    assert_eq!(json["frames"], capture.frames().count());
+    let frames = capture.frames().count();
+    has(&parse(&stdout(&output)), json!({ "interrupted": true, "frames": frames }));
 }
 
-/// A full disk, simulated by the shell's limit of file size. The system signals the limit by SIGXFSZ, which
-/// kills a program that does not expect it, and its recording with it.
+/// A full disk, by the shell's limit of file size, whose signal SIGXFSZ kills a program that does not expect it.
 #[test]
 fn a_file_size_limit_ends_the_recording_whole_and_names_the_file() {
     let (folder, scene, port) = scene_at_port(FAST);
     let _emulated = emulate(&scene, &port, "");
     // by default, and with the signal ignored, as under some services
-    for (name, before) in [("press.mcap", ""), ("ignored.mcap", "trap '' XFSZ; ")] {
+    for (name, before) in [("press.mcap", ""), ("ignored.mcap", "trap '' XFSZ;")] {
         let out = folder.path(name);
         // blocks of 512 or 1024 bytes: three to six seconds
         let line = format!("record {scene} --out {out}");
-        let output = eit_in_shell(&format!("{before}ulimit -f 800"), line);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert_eq!(said.trim_end().lines().count(), 1, "{said}");
-        assert!(said.contains("the recording has stopped"), "{said}");
-        assert!(said.contains(&format!("{out}: ")) && said.contains("disk space"), "{said}");
+        let mut record = in_shell(&format!("{before} ulimit -f 800;"), line);
+        let said = one_line(&record.output().unwrap(), 1);
+        says(&said, format!("the recording has stopped…{out}: …disk space"));
         let capture = eit_hw::capture::read(&out).unwrap();
         let frames = capture.frames().count();
         // truncated to its last complete chunk
@@ -213,15 +186,15 @@ fn ctrl_c_and_a_hang_up_end_a_recording_and_a_kill_loses_its_last_second() {
     if u64::from_str_radix(ignored.trim(), 16).unwrap() & 1 == 1 {
         println!("skipped: a hang-up, which is ignored here");
     } else {
-        end_recording(start_recording(&scene, &out, None), "-HUP", &out);
+        end_recording(start_recording(&scene, &out, ""), "-HUP", &out);
     }
     // what nohup does, which would also redirect the output
-    let child = start_recording(&scene, &below, Some("trap '' HUP; exec \"$@\""));
+    let child = start_recording(&scene, &below, "trap '' HUP;");
     signal(&child, "-HUP");
     grows(&below, std::fs::metadata(&below).unwrap().len() + 20_000);
     end_recording(child, "-INT", &below);
 
-    let child = start_recording(&scene, &killed, None);
+    let child = start_recording(&scene, &killed, "");
     signal(&child, "-KILL");
     child.wait_with_output().unwrap();
     let capture = eit_hw::capture::read(&killed).unwrap();
@@ -246,10 +219,9 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
     let [recording, live, picture] = folder.paths(["press.mcap", "live", "now.png"]);
     let files = format!("--record {recording} --out {live} --picture {picture}");
     let json = answer(format!("live {scene} {files} --frames 120"));
-    assert_eq!((&json["frames"], &json["references"]), (&120.into(), &1.into()), "{json}");
-    assert_eq!((&json["lost"], &json["dropped"]), (&0.into(), &0.into()), "{json}");
-    assert!(json["touches"].as_u64().unwrap() > 0, "{json}");
-    assert!(number(&json["latency_s"], "median") > 0.0, "{json}");
+    has(&json, json!({ "frames": 120, "references": 1, "lost": 0, "dropped": 0 }));
+    let latency_s = number(&json["latency_s"], "median");
+    assert!(number(&json, "touches") > 0.0 && latency_s > 0.0, "{json}");
     assert_eq!(read(&picture)[..4], *b"\x89PNG");
     assert_eq!(read_array::<Ix3>(format!("{live}/images.npy")).dim(), (120, 64, 64));
     let replay = format!("replay {scene} --from {recording}");
@@ -308,6 +280,9 @@ fn bad_input_is_reported_in_one_line() {
         (format!("{replay} --frames 0"), zero),
         (format!("{replay} --speed 0"), "--speed 0: it must be above 0"),
         (format!("{replay} --speed -1"), "--speed -1: it must be above 0"),
+        (format!("{replay} --json-lines --json"), "--json-lines and --json"),
+        (format!("{replay} --udp 9000"), "--udp: 9000: …HOST:PORT"),
+        (format!("{replay} --udp 127.0.0.1:0"), "--udp: 127.0.0.1:0: …HOST:PORT"),
         // a picture is PNG and a recording MCAP, whatever the name
         (format!("{live} --picture {jpg}"), png),
         (format!("{replay} --picture {jpg}"), png),
@@ -329,7 +304,7 @@ fn bad_input_is_reported_in_one_line() {
     let of_board = "the protocol of…\"openeit-8\"…it drives (0, 4)";
     refuse_each([(format!("emulate {board} --port {none} --frames {file}"), of_board)]);
     // the board measures with opposite drives, a scene with adjacent ones does not match
-    let opposite = crate::common::read_text(&board).replace("\"adjacent\"", "\"opposite\"");
+    let opposite = read_text(&board).replace("\"adjacent\"", "\"opposite\"");
     let right = folder.write("right.toml", opposite);
     let _emulated = emulate(&right, &port, "");
     refuse_each([(record(&board), "the protocol of…has no drive (0, 1)…openeit-8")]);

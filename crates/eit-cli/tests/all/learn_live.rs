@@ -1,29 +1,22 @@
-//! `eit learn --live` as its user sees it: an emulated board, a finger that presses where it is asked to, Ctrl-C, a
-//! broken line, and files from which everything can be learnt again. The board's voltages come from another mesh
-//! than the command's, solved with the press in it (no linearisation), in steps of a converter.
+//! `eit learn --live` with an emulated board and a finger that presses where it is asked to. The voltages come from another
+//! mesh than the command's, solved with the press in it (no linearisation), in converter steps.
 #![cfg(unix)]
 
 use crate::common::emulated::{Board, converse, signal};
-use crate::common::{
-    Folder, SMALL, answer, exists, number, read_text, refuse_each, rows, says, voltages,
-};
+use crate::common::*;
 use eit_skin::scene::Scene;
 use eit_skin::{Progress, Skin};
-use serde_json::Value;
 use std::io::Write as _;
-use std::process::Child;
 use std::sync::{Arc, LazyLock};
-use std::time::Duration;
 
 /// Volts of a step of the converter.
 const STEP_V: f64 = 1e-5;
 
 fn scene(folder: &Folder, port: &str) -> String {
-    let sixteen = SMALL.replace("count = 8\nwidth_m = 0.02", "count = 16\nwidth_m = 0.0196");
+    let sixteen = altered("count = 8\nwidth_m = 0.02", "count = 16\nwidth_m = 0.0196");
     let instrument = format!("[instrument]\ndriver = \"csv\"\nport = \"{port}\"\n");
-    let recording = format!("[recording]\nscale = {STEP_V}\n");
-    folder
-        .write("skin.toml", format!("{}{recording}{instrument}", sixteen.replace("0.012", "0.009")))
+    let more = format!("{instrument}[recording]\nscale = {STEP_V}\n");
+    folder.write("skin.toml", sixteen.replace("0.012", "0.009") + &more)
 }
 
 /// The true skin, on a finer mesh.
@@ -64,9 +57,8 @@ impl Bench {
         force_n: impl Fn(usize) -> f64,
         mut at: impl FnMut(usize, &Child),
     ) -> (Option<Value>, i32, String) {
-        let out = self.folder.path("skin.learned");
-        let line =
-            format!("--json learn {} --live --out {out} --hold-s 0.15 {options}", self.scene);
+        let (scene, out) = (&self.scene, self.folder.path("skin.learned"));
+        let line = format!("--json learn {scene} --live --out {out} --hold-s 0.15 {options}");
         let mut number = 0;
         let (answer, code, said) = converse(line, |line, child, _| {
             if let Some(rest) = line.strip_prefix("press ") {
@@ -117,9 +109,8 @@ fn twelve_presses_interrupted_and_continued() {
     // a line and a frame that a killed program left incomplete
     let incomplete: [(&str, &[u8]); 2] =
         [(&table, b"0.01,0.0"), (&recording, &[6, 200, 1, 0, 0, 0, 0, 0, 0, 1, 2, 3])];
-    for (file, bytes) in incomplete {
-        let mut file = std::fs::OpenOptions::new().append(true).open(file).unwrap();
-        file.write_all(bytes).unwrap();
+    for (file, more) in incomplete {
+        std::fs::write(file, [&read(file)[..], more].concat()).unwrap();
     }
     let (learnt, code, said) = bench.teach(&format!("{weights} --append"), force, |_, _| {});
     assert_eq!(code, 0, "{said}");
@@ -140,8 +131,7 @@ fn twelve_presses_interrupted_and_continued() {
     assert!((one - other).abs() < 1e-6, "{one} {other}");
 }
 
-/// Something that looks like a touch and is never held is named, with what to do: nothing waits without a word. A press
-/// with missing values is refused, with the reason, and asked for again once it is released.
+/// Both with what to do; a press with missing values is asked for again once it is released.
 #[test]
 fn a_touch_that_is_never_held_and_a_refused_press_are_named() {
     let bench = Bench::new();
@@ -163,8 +153,7 @@ fn a_touch_that_is_never_held_and_a_refused_press_are_named() {
     };
     let (_, code, said) = bench.teach("--number 4 --all", |_| 1.0, at);
     assert!(code == 0 || code == 1, "{code}: {said}");
-    let changing = "the touch has changed for 10 s: hold it still, or release it";
-    assert!(said.contains(changing), "{said}");
+    says(&said, "the touch has changed for 10 s: hold it still, or release it");
     let count = |words: &str| said.lines().filter(|line| line.starts_with(words)).count();
     // the first one again after the touch was named
     let words = ["press 1 of 4", "this press cannot be used", "press 3 of 4", "press 4 of 4"];
@@ -173,8 +162,7 @@ fn a_touch_that_is_never_held_and_a_refused_press_are_named() {
     assert_eq!(bench.lines_of_the_table(), 5, "{said}");
 }
 
-/// Forces typed after each press. Ctrl-C while one is to be typed ends the command, and keeps the press without its force;
-/// too few presses are kept but not learnt.
+/// Ctrl-C while one is to be typed keeps the press without its force; too few presses are kept but not learnt.
 #[test]
 fn forces_that_are_typed() {
     let bench = Bench::new();

@@ -1,15 +1,11 @@
 //! What the touch list of a real skin shows after `eit learn`: the first presses of a robot are learnt, later ones are
-//! held in a recording that is reconstructed with the learnt file.
-//!
-//! Differences are the robot's; the steady level and its noise, a thousandth of each level, are ours, because the data
-//! have no sequences. The data are read in place.
+//! held in a recording that is reconstructed with the learnt file. Differences are the robot's; the steady level and its
+//! noise, a thousandth of each level, are ours, because the data have no sequences.
 
-use crate::common::{Folder, eit, number, parse, rows, stderr, stdout};
+use crate::common::*;
 use crate::hydrogel::{superpose500, write_quadruples};
 use fixtures::Random;
 use fixtures::hydrogel::quantile;
-use ndarray::{Array1, Array2, ArrayView1};
-use serde_json::Value;
 use std::fmt::Write as _;
 
 const RADIUS_M: f64 = 0.085;
@@ -35,6 +31,11 @@ impl Presses {
         Some(Self { folder, pressed, before, places_m })
     }
 
+    /// What a press changes.
+    fn change(&self, press: usize) -> Array1<f64> {
+        &self.pressed.row(press) - &self.before.row(press)
+    }
+
     fn scene(&self, name: &str, more: &str) -> String {
         let text = format!(
             "[skin]\nshape = \"disc\"\nradius_m = {RADIUS_M}\nconductivity_s = 1e-3\n\
@@ -57,9 +58,8 @@ impl Presses {
         }
         let (table, out) = (self.folder.write("p.csv", table), self.folder.path("s.learned"));
         let scene = self.scene("learn.toml", "");
-        let line =
-            format!("learn {scene} --frames {file} --presses {table} --fit-frame --out {out}");
-        (parse(&run(&format!("{line} --json"))), out)
+        let data = format!("--frames {file} --presses {table}");
+        (parse(&run(&format!("learn {scene} {data} --fit-frame --out {out} --json"))), out)
     }
 
     /// Valid touches of each frame of a recording, metres.
@@ -95,8 +95,7 @@ struct Recording {
 
 impl Recording {
     fn at(level: ArrayView1<'_, f64>) -> Self {
-        let level = level.to_owned();
-        let mut made = Self { frames: Vec::new(), random: Random::new(1), level };
+        let mut made = Self { frames: Vec::new(), random: Random::new(1), level: level.to_owned() };
         let none = &made.level * 0.0;
         (0..QUIET).for_each(|_| made.push(&none, 0.0));
         made
@@ -112,12 +111,8 @@ impl Recording {
 /// What a command prints; such skins have notes, too.
 fn run(line: &str) -> String {
     let output = eit(line);
-    assert!(output.status.success(), "{line}: {}", stderr(&output));
+    ended(&output, 0);
     stdout(&output)
-}
-
-fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// Held presses of a skin that was learnt are in its touch list at the robot's places, and nothing else is. Two presses
@@ -127,8 +122,7 @@ fn held_presses_of_a_real_skin_are_shown() {
     let Some(presses) = Presses::superpose500() else { return };
     let mut recording = Recording::at(presses.before.row(300));
     for k in TESTED {
-        let before = presses.before.row(k);
-        let change = &(&presses.pressed.row(k) - &before) / &before * &recording.level;
+        let change = presses.change(k) / presses.before.row(k) * &recording.level;
         [0.0; 8].into_iter().chain(PARTS).for_each(|part| recording.push(&change, part));
     }
     // presses learnt; parts of the held frames that are shown, and that are shown within 15 % of the diameter
@@ -174,16 +168,12 @@ fn two_presses_are_two(presses: &Presses, learned: &str) {
         if distance_m(presses.places_m[one], presses.places_m[other]) < 0.5 * RADIUS_M {
             continue;
         }
-        let change = |k: usize| &presses.pressed.row(k) - &presses.before.row(k);
-        let change = change(one) + change(other);
-        for part in [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0] {
-            recording.push(&change, part);
-        }
+        let change = presses.change(one) + presses.change(other);
+        [0.0; 6].into_iter().chain([1.0; 3]).for_each(|part| recording.push(&change, part));
         pairs.push((recording.frames.len() - 1, [one, other]));
     }
     let shown = presses.shown(&recording, learned);
-    let is_near =
-        |touch: [f64; 2], press: usize| distance_m(touch, presses.places_m[press]) < 0.015;
+    let is_near = |touch, press: usize| distance_m(touch, presses.places_m[press]) < 0.015;
     let is_both = |(frame, [one, other]): &(usize, [usize; 2])| match shown[*frame][..] {
         [a, b] => {
             (is_near(a, *one) && is_near(b, *other)) || (is_near(a, *other) && is_near(b, *one))

@@ -1,12 +1,6 @@
-//! Tests of the crate, in one program: linking one is faster than linking 30. Those of one file:
-//! `cargo test --release -p eit-cli --test all FILE::`.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "tests"
-)]
+//! Tests of the crate, in one program; those of one file: `cargo test --release -p eit-cli --test all FILE::`.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+#![allow(clippy::print_stdout, reason = "tests")]
 
 mod common;
 

@@ -1,9 +1,7 @@
 //! Memory of commands that read files: the whole process takes at most 64 MB plus ten times the file.
 #![cfg(target_os = "linux")]
 
-use crate::common::{Folder, SMALL, command, eit, exists, read, refuse, says, stderr};
-use std::process::Stdio;
-use std::time::Duration;
+use crate::common::*;
 
 const MOST_BYTES: u64 = 64_000_000;
 const FILE_BYTES: usize = 20_000_000;
@@ -39,9 +37,8 @@ fn check(line: String, file: &str) {
 fn commands_that_read_take_little_memory() {
     let folder = Folder::new();
     let path = |name: &str| folder.path(name);
-    let row = format!("{}\n", vec!["7"; 208].join(","));
-    let next = format!("{}\n", vec!["8"; 208].join(","));
-    let digits = folder.write("digits.csv", [row, next].concat().repeat(FILE_BYTES / 832));
+    let rows = table(&Array2::from_shape_fn((2, 208), |(row, _)| 7.0 + row as f64));
+    let digits = folder.write("digits.csv", rows.repeat(FILE_BYTES / 832));
     let line = folder.write("line.csv", format!("{}\n", vec!["7"; FILE_BYTES / 2].join(",")));
     // the frames of 48 000 lines, as text, as an array and as a recording, and back
     let (array, recording) = (path("digits.npy"), path("digits.mcap"));
@@ -83,7 +80,7 @@ fn settings_and_tables_take_little_memory() {
     let out = folder.path("a.learned");
     let presses = folder.write("presses.csv", format!("x_m,y_m\n{}", "0,0\n".repeat(5_000_000)));
     let learn = format!("learn paper-disc --presses {presses} --frames {presses} --out {out}");
-    let start = std::time::Instant::now();
+    let start = Instant::now();
     let (peak, succeeded) = peak(&learn);
     assert!(!succeeded && peak <= MOST_BYTES + 10 * 20_000_000, "{peak}");
     assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());

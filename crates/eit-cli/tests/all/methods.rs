@@ -1,13 +1,8 @@
 //! Every method from frames to images, on a small simulated skin.
 
-use crate::common::{
-    Folder, answer, exists, number, read_array, read_text, refuse_each, rows, says, succeed,
-    voltages,
-};
+use crate::common::*;
 use eit_skin::Skin;
 use fixtures::Random;
-use ndarray::{Array1, Array2, Array3, Axis};
-use serde_json::Value;
 use std::sync::LazyLock;
 
 const METHODS: [&str; 5] = ["st-tv", "tv", "gauss-newton", "time-prior", "gauss-newton-absolute"];
@@ -88,10 +83,6 @@ fn centre_m(images: &Array3<f64>, frame: usize) -> [f64; 2] {
     moment.map(|m| m / sum)
 }
 
-fn distance([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
-    (a - c).hypot(b - d)
-}
-
 #[test]
 fn every_method_finds_the_finger() {
     let fixture = fixture();
@@ -102,7 +93,7 @@ fn every_method_finds_the_finger() {
         assert_eq!(images.dim(), (QUIET + TOUCHED, 24, 24), "{method}");
         assert_eq!(report["method"], method);
         for f in 0..TOUCHED {
-            let error = distance(centre_m(&images, QUIET + f), finger(f));
+            let error = distance_m(centre_m(&images, QUIET + f), finger(f));
             // half of the finger's radius of 20 mm
             assert!(error < 0.01, "{method}, frame {f}: {error}");
         }
@@ -136,7 +127,7 @@ fn the_scene_chooses() {
     let noise = format!("[noise]\nadditive_v = {NOISE_V}\n");
     let keys = "[reconstruction]\npixels = 24\n";
     let (images, report) = fixture.run_keys(&format!("{keys}lower_s = 0.0\n{noise}"));
-    assert_eq!((&report["method"], &report["quiet_frames"]), (&"st-tv".into(), &QUIET.into()));
+    has(&report, json!({ "method": "st-tv", "quiet_frames": QUIET }));
     assert!(images.iter().all(|v| v.is_nan() || *v >= 0.0), "the bound holds");
     assert!(report["noise"]["source"].as_str().unwrap().contains("from the scene"));
     assert_eq!(fixture.run_keys(keys).1["method"], "gauss-newton");
@@ -158,21 +149,19 @@ fn the_scene_chooses() {
     assert!((pixel_m / (0.2 / 24.0) - 1.0).abs() < 1e-3, "{pixel_m}");
     assert_eq!(weight("delta"), delta);
     assert!(weights["rule"].as_str().unwrap().contains("equation (7)"), "{weights}");
-    // weights from a report give the same images when stated in the scene: with known noise, which the model
-    // error raised, and with unknown noise
+    // weights of a report, stated in the scene, give its images, with noise known (raised by the model error) and unknown
     for noise in [noise.as_str(), ""] {
         let keys = format!("{keys}method = \"st-tv\"\ntarget_gap = 1e-4\n");
         let (images, report) = fixture.run_keys(&format!("{keys}{noise}"));
-        let [space, time] =
-            ["lambda_space", "lambda_time"].map(|name| number(&report["weights"], name));
+        let weight = |name| number(&report["weights"], name);
+        let [space, time] = ["lambda_space", "lambda_time"].map(weight);
         let stated = format!("{keys}lambda_space = {space:e}\nlambda_time = {time:e}\n{noise}");
         let again = fixture.run_keys(&stated).0;
         // both within 1e-4 of one optimum, which determines the images to a few percent
         assert!(apart(&images, &again) <= 0.05, "{}: {report}", apart(&images, &again));
     }
     let report = fixture.run_keys(&format!("{keys}lambda_space = 1.0\n")).1;
-    assert_eq!(report["weights"]["lambda_space"], 1.0);
-    assert_eq!(report["weights"]["rule"], "fixed by the scene");
+    has(&report["weights"], json!({ "lambda_space": 1.0, "rule": "fixed by the scene" }));
     // a gap that cannot be reached in a millisecond: the best image so far, with its certificate
     let keys = "pixels = 64\nlambda_space = 1e7\ntarget_gap = 1e-12\ndeadline_s = 1e-3\n";
     let (images, report) = fixture.run_keys(&format!("[reconstruction]\n{keys}"));
@@ -187,7 +176,7 @@ fn the_scene_chooses() {
     let (images, report) = fixture.run(&scene, "--reference 0");
     assert!(report["notes"].to_string().contains("additive_v"), "{}", report["notes"]);
     assert_eq!(report["quiet_frames"], 0, "without noise no frame is quiet");
-    let error = distance(centre_m(&images, QUIET + 1), finger(1));
+    let error = distance_m(centre_m(&images, QUIET + 1), finger(1));
     assert!(error < 0.01, "{error}");
 }
 
@@ -210,8 +199,7 @@ fn what_a_recording_does_not_need_is_left_out() {
     assert_eq!(one["method"], "tv", "{one}");
     assert_eq!(one["weights"]["lambda_time"], 0.0);
     let nothing = run("part.npy", select(&[6, 7]));
-    assert_eq!(nothing["quiet_frames"], 2, "{nothing}");
-    assert_eq!(nothing["status"], "nothing to solve");
+    has(&nothing, json!({ "quiet_frames": 2, "status": "nothing to solve" }));
     // the same touch with other noise: moving frames are not equal
     assert_eq!(run("part.npy", select(&[8, 9, 10, 11]))["still"], false);
     let mut noisy = Random::new(11);
@@ -219,7 +207,7 @@ fn what_a_recording_does_not_need_is_left_out() {
         frames[[QUIET, i]] + NOISE_V * noisy.normal()
     });
     let still = run("alike.npy", alike);
-    assert_eq!((&still["still"], &still["method"]), (&true.into(), &"st-tv".into()), "{still}");
+    has(&still, json!({ "still": true, "method": "st-tv" }));
     assert_eq!(still["weights"]["lambda_time"], 0.0, "one image has nothing to couple");
     let images: Array3<f64> = read_array(format!("{out}/images.npy"));
     let bits = |f: usize| images.index_axis(Axis(0), f).mapv(f64::to_bits);
@@ -287,7 +275,7 @@ fn touches_are_written_where_the_noise_is_known() {
             let [frame, x, y, confidence] =
                 ["frame", "x_m", "y_m", "confidence"].map(|name| row[name].parse().unwrap());
             // half of the finger's radius of 20 mm
-            let error_m = distance([x, y], finger(frame as usize - QUIET));
+            let error_m = distance_m([x, y], finger(frame as usize - QUIET));
             assert!(error_m < 0.01 && confidence > 0.6, "{method}: {row:?}");
             let state = ["id", "skin", "valid", "whole"].map(|name| &*row[name]);
             assert_eq!(state, ["1", "sound", "true", "true"], "{row:?}");
@@ -365,24 +353,24 @@ fn plan_tells_the_method_and_why() {
 #[test]
 fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
     let folder = Folder::new();
-    let row = |k: usize| (0..40).map(|i| (1 + k * i % 7).to_string()).collect::<Vec<_>>().join(",");
-    folder.write("one.csv", row(0));
-    folder.write("many.csv", [0, 1, 2, 3].map(row).join("\n"));
+    let frames = |count| Array2::from_shape_fn((count, 40), |(k, i)| (1 + k * i % 7) as f64);
+    folder.write("one.csv", table(&frames(1)));
+    folder.write("many.csv", table(&frames(4)));
     let noise = "[noise]\nadditive_v = 1e-6\n";
     let recording = |file| format!("[recording]\nfile = \"{file}.csv\"\nreference = 0\n");
     let more =
         "[denoise]\nweights = \"default\"\nany_skin = true\n[instrument]\ndriver = \"emulator\"\n";
-    for (keys, method, has) in [
+    for (keys, method, is_kept) in [
         (recording("one"), "gauss-newton", [false; 4]),
         (format!("{noise}{}", recording("one")), "tv", [false; 4]),
         (format!("{noise}{}{more}", recording("many")), "st-tv", [false, true, true, true]),
     ] {
         let json = answer(format!("plan {}", folder.scene(&keys)));
-        let list = json["left_out"].as_array().unwrap();
-        assert!(list.iter().all(|l| !l["why"].as_str().unwrap().is_empty()), "{list:?}");
+        let [left_out, why] = ["what", "why"].map(|name| texts(&json["left_out"], name));
+        assert!(!why.contains(&""), "{left_out:?} {why:?}");
         let parts = ["complex arithmetic", "time coupling", "U-net", "instrument"];
-        let found = parts.map(|what| !list.iter().any(|l| l["what"] == what));
-        assert_eq!((&json["method"], found), (&method.into(), has), "{list:?}");
+        let kept = parts.map(|what| !left_out.contains(&what));
+        assert_eq!((&json["method"], kept), (&method.into(), is_kept), "{left_out:?}");
     }
 }
 
@@ -403,13 +391,11 @@ fn report_compares_every_method() {
     let st_tv = rows.iter().filter(|r| r["solver"] == "st-tv" && r["pixels"] == 32);
     let gaps: Vec<f64> = st_tv.map(|row| number(row, "proven_gap")).collect();
     assert!(gaps.len() == 2 && gaps[1] < gaps[0], "{gaps:?}");
-    let live = rows.iter().filter(|r| r["live"] == true).count();
     // one-step images and two streams on each of two rasters
-    assert_eq!(live, 2 * 3);
+    assert_eq!(rows.iter().filter(|r| r["live"] == true).count(), 2 * 3);
     // images alone: every solver in the table that plans read, and no forward problem
-    assert!(
-        json["forward"].as_array().unwrap().is_empty() && !exists(format!("{out}/forward.csv"))
-    );
+    has(&json, json!({ "forward": [] }));
+    assert!(!exists(format!("{out}/forward.csv")));
     assert!(!read_text(format!("{out}/report.md")).contains("\n## Forward problem\n"));
     let table = read_text(format!("{out}/inverse.csv"));
     for method in METHODS {

@@ -1,16 +1,10 @@
 //! Touches for other programs, as read by those programs.
 #![cfg(unix)]
 
-use crate::common::emulated::{Emulated, emulate, scene_at_port, signal};
-use crate::common::{
-    Folder, LIMIT, command, eit, number, parse, read_array, read_text, refuse_each, stderr, stdout,
-    succeed, touched_frames, wait_until,
-};
-use ndarray::Array2;
-use serde_json::Value;
+use crate::common::emulated::{Emulated, emulate, printed, scene_at_port, signal, spawn};
+use crate::common::*;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpStream, UdpSocket};
-use std::process::{Child, Stdio};
 
 /// An emulated skin that stops with the test.
 struct Skin {
@@ -35,23 +29,6 @@ impl Skin {
         let _emulated = emulate(&scene, &port, &format!("--frames {file}"));
         Self { folder, scene, _emulated }
     }
-
-    /// A recording of it.
-    fn record(&self, frames: usize) -> String {
-        let recording = self.folder.path("press.mcap");
-        succeed(format!("record {} --out {recording} --frames {frames}", self.scene));
-        recording
-    }
-}
-
-/// Starts `eit` with lines on pipes.
-fn start(line: String) -> Child {
-    command(line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
-}
-
-/// Lines that a child prints until it ends.
-fn printed(child: &mut Child) -> impl Iterator<Item = String> + use<> {
-    BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok)
 }
 
 /// Asks the page, whose address is the first line on stderr: what follows the request.
@@ -75,8 +52,7 @@ fn first_said(child: &mut Child) -> String {
 /// Runs `eit`; returns its lines, each checked against the schema, and its stderr.
 fn lines(line: impl AsRef<str>) -> (Vec<Value>, String) {
     let output = eit(line);
-    let said = stderr(&output);
-    assert!(output.status.success(), "{said}");
+    let said = ended(&output, 0);
     (checked(&stdout(&output)), said)
 }
 
@@ -91,8 +67,11 @@ fn checked(text: &str) -> Vec<Value> {
 
 fn frames(lines: &[Value]) -> Vec<&Value> {
     // but for the list that ends all touches
-    let is_frame = |line: &&Value| line["type"] == "frame" && line["state"] != "no_data";
-    lines.iter().filter(is_frame).collect()
+    lines.iter().filter(|line| line["type"] == "frame" && line["state"] != "no_data").collect()
+}
+
+fn is_touched(line: &Value) -> bool {
+    line["touches"].as_array().is_some_and(|touches| !touches.is_empty())
 }
 
 /// Names of the lines that are not frames.
@@ -121,10 +100,8 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
         }
         text
     });
-    let (live, said) = lines(format!(
-        "live {} --json-lines --udp {address} --frames 100 --record {recording}",
-        skin.scene
-    ));
+    let to = format!("--udp {address} --record {recording}");
+    let (live, said) = lines(format!("live {} --json-lines {to} --frames 100", skin.scene));
     assert!(said.contains("100 frames") && !said.contains("image"), "{said}");
     let mut datagrams = checked(&listen.join().unwrap());
     // they repeat the first line every second
@@ -146,7 +123,7 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     assert_eq!(touches.len(), 1, "{last}");
     let [x, y] = [0, 1].map(|axis| touches[0]["position_m"][axis].as_f64().unwrap());
     assert!((x - 0.03).hypot(y) < 0.01, "({x}, {y}) m");
-    let first = shown.iter().find(|frame| frame["touches"] != Value::Array(vec![])).unwrap();
+    let first = shown.iter().find(|frame| is_touched(frame)).unwrap();
     let delay = first["sequence"].as_u64().unwrap() as i64 - 101;
     assert!((0..15).contains(&delay), "the touch begins {delay} frames late");
     assert_eq!(first["touches"][0]["state"], "begin");
@@ -155,42 +132,31 @@ fn lines_of_a_live_skin_its_datagrams_and_its_replay() {
     let (again, _) = lines(format!("{from} --frames 100"));
     let events = ["start", "notice", "reference_started", "reference_taken", "ended"];
     assert_eq!(others(&again), events);
-    let without_latency = |frame: &&Value| {
-        let mut frame = (*frame).clone();
-        frame["latency_s"] = Value::Null;
+    let without_latency = |frames: Vec<&Value>| {
+        let mut frames: Vec<Value> = frames.into_iter().cloned().collect();
         // epochs of a live run are not those of another program
-        frame["epoch"] = Value::Null;
-        frame
+        frames.iter_mut().for_each(|f| (f["latency_s"], f["epoch"]) = (Value::Null, Value::Null));
+        frames
     };
-    let [one, other] =
-        [shown, frames(&again)].map(|f| f.iter().map(without_latency).collect::<Vec<Value>>());
-    assert_eq!(one, other);
+    assert_eq!(without_latency(shown), without_latency(frames(&again)));
     assert!(frames(&again).iter().all(|frame| frame["latency_s"].is_null()));
 }
 
-/// `| head -1` ends a live view, which would continue for ever, with success. A reader that takes nothing, or goes, costs
-/// a recording no frame, and does not end it.
+/// `| head -1` ends a live view with success; a reader that takes nothing, or goes, costs a recording no frame.
 #[test]
 fn a_recording_waits_for_no_reader() {
     let skin = Skin::new();
-    let mut child = start(format!("live {} --json-lines", skin.scene));
-    let mut line = String::new();
-    let mut out = BufReader::new(child.stdout.take().unwrap());
-    out.read_line(&mut line).unwrap();
-    assert_eq!(checked(&line)[0]["type"], "start");
-    drop(out);
+    let mut child = spawn(format!("live {} --json-lines", skin.scene));
+    assert_eq!(checked(&printed(&mut child).next().unwrap())[0]["type"], "start");
     wait_until(|| child.try_wait().unwrap().is_some());
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
+    ended(&child.wait_with_output().unwrap(), 0);
 
     for is_gone in [false, true] {
         let recording = skin.folder.path(&format!("{is_gone}.mcap"));
         let line = format!("live {} --json-lines --record {recording} --frames 400", skin.scene);
-        let mut child = start(line);
+        let mut child = spawn(line);
         let out = child.stdout.take().filter(|_| !is_gone);
-        let output = child.wait_with_output().unwrap();
-        let said = stderr(&output);
-        assert!(output.status.success(), "{said}");
+        let said = ended(&child.wait_with_output().unwrap(), 0);
         // a pipe holds 64 kB
         assert_eq!(said.contains("frames were not written"), !is_gone, "{said}");
         drop(out);
@@ -206,15 +172,13 @@ fn a_recording_waits_for_no_reader() {
 #[test]
 fn an_unplugged_instrument_ends_its_touches() {
     let Skin { folder: _folder, scene, _emulated } = Skin::new();
-    let mut child = start(format!("live {scene} --json-lines"));
-    let mut lines = printed(&mut child);
-    let mut next = || -> Value { parse(&lines.next().unwrap()) };
-    let is_touched = |line: &Value| line["touches"].as_array().is_some_and(|list| !list.is_empty());
-    while !is_touched(&next()) {}
+    let mut child = spawn(format!("live {scene} --json-lines"));
+    let mut lines = printed(&mut child).map(|line| parse(&line));
+    assert!(lines.any(|line| is_touched(&line)));
     drop(_emulated);
-    let mut before = next();
+    let mut before = lines.next().unwrap();
     let event = loop {
-        let line = next();
+        let line = lines.next().unwrap();
         if line["type"] == "event" {
             break line;
         }
@@ -224,41 +188,30 @@ fn an_unplugged_instrument_ends_its_touches() {
     assert_eq!(before["state"], "no_data", "{before}");
     let touches = before["touches"].as_array().unwrap();
     assert_eq!(touches.len(), 1, "{before}");
-    assert_eq!((&touches[0]["state"], &touches[0]["valid"]), (&"end".into(), &false.into()));
+    has(&touches[0], json!({ "state": "end", "valid": false }));
     signal(&child, "-INT");
     assert!(child.wait().unwrap().code().is_some());
 }
 
-#[test]
-fn bad_wishes_are_refused_before_any_work() {
-    let folder = Folder::new();
-    let line = format!("replay {} --from never.mcap", folder.scene(""));
-    refuse_each([
-        (format!("{line} --json-lines --json"), "--json-lines and --json"),
-        (format!("{line} --udp 9000"), "--udp: 9000: …HOST:PORT"),
-        (format!("{line} --udp 127.0.0.1:0"), "--udp: 127.0.0.1:0: …HOST:PORT"),
-    ]);
-}
-
-/// Images are made if a file or a page needs them, and touches are the same with and without. The address of the page is
-/// printed, and the data sent to it show the finger and an image.
+/// Touches are the same with and without; the page, whose address is printed, gets the finger and an image.
 #[test]
 fn images_are_made_for_who_asks() {
     let skin = Skin::new();
-    let replay = format!("replay {} --from {}", skin.scene, skin.record(190));
+    let (scene, recording) = (&skin.scene, skin.folder.path("press.mcap"));
+    succeed(format!("record {scene} --out {recording} --frames 190"));
+    let replay = format!("replay {scene} --from {recording}");
     let (plain, said) = lines(format!("{replay} --json-lines"));
     assert!(!said.contains("images"), "{said}");
     let out = skin.folder.path("out");
     let (with, said) = lines(format!("{replay} --json-lines --out {out}"));
     assert!(said.contains("with images"), "{said}");
     assert_eq!(plain, with);
-    let images: ndarray::Array3<f64> = read_array(format!("{out}/images.npy"));
-    assert_eq!(images.dim().0, frames(&plain).len());
+    assert_eq!(read_array::<Ix3>(format!("{out}/images.npy")).dim().0, frames(&plain).len());
 
-    let mut child = start(format!("{replay} --speed 0.5 --web=127.0.0.1:0"));
+    let mut child = spawn(format!("{replay} --speed 0.5 --web=127.0.0.1:0"));
     let lines = ask(&first_said(&mut child), "GET", "/events");
-    let events: Vec<Value> =
-        lines.filter_map(|line| Some(parse(line.strip_prefix("data: ")?))).collect();
+    let event = |line: String| Some(parse(line.strip_prefix("data: ")?));
+    let events: Vec<Value> = lines.filter_map(event).collect();
     assert!(child.wait().unwrap().success());
     let of = |name: &str| -> Vec<&Value> {
         events.iter().filter(|event| event["type"] == name).collect()
@@ -267,7 +220,7 @@ fn images_are_made_for_who_asks() {
     let last = of("frame").pop().unwrap();
     assert_eq!(last["touches"].as_array().unwrap().len(), 1, "{last}");
     let image = of("image").pop().unwrap();
-    assert_eq!((&image["rows"], &image["columns"]), (&64.into(), &64.into()));
+    has(image, json!({ "rows": 64, "columns": 64 }));
     assert_eq!(image["pixels"].as_str().unwrap().len(), 64_usize.pow(2).div_ceil(3) * 4);
     assert!(number(image, "range_s") > 1e-7, "{}", image["range_s"]);
     assert_eq!(of("event").pop().unwrap()["event"], "ended");
@@ -282,16 +235,13 @@ fn a_recording_that_begins_under_a_finger_shows_it() {
         _ => 101 + frame % 99,
     });
     let Skin { folder, scene, _emulated } = &skin;
-    let mut child = start(format!("live {scene} --json-lines --web=127.0.0.1:0"));
+    let mut child = spawn(format!("live {scene} --json-lines --web=127.0.0.1:0"));
     let said = first_said(&mut child);
     let press = |button: &str| {
         let status = ask(&said, "POST", &format!("/record/{button}")).next().unwrap();
         assert!(status.starts_with("HTTP/1.1 202 "), "{status}");
     };
-    let is_touched = |line: &String| {
-        parse(line)["touches"].as_array().is_some_and(|touches| !touches.is_empty())
-    };
-    let mut touched = printed(&mut child).filter(is_touched);
+    let mut touched = printed(&mut child).filter(|line| is_touched(&parse(line)));
     touched.nth(29).unwrap();
     press("start");
     touched.nth(69).unwrap();
@@ -305,8 +255,8 @@ fn a_recording_that_begins_under_a_finger_shows_it() {
     assert!(others(&again).contains(&"reference_taken"), "{:?}", others(&again));
     assert!(!others(&again).contains(&"gap"), "{:?}", others(&again));
     let shown = frames(&again);
-    let is_touched = |frame: &&&Value| frame["touches"].as_array().unwrap().len() == 1;
-    let touched = shown.iter().filter(is_touched).count();
+    let is_shown = |frame: &&&Value| frame["touches"].as_array().unwrap().len() == 1;
+    let touched = shown.iter().filter(is_shown).count();
     // a touch takes some frames to begin
     assert!(shown.len() >= 40 && touched + 15 > shown.len(), "{touched} of {}", shown.len());
 }
@@ -314,9 +264,10 @@ fn a_recording_that_begins_under_a_finger_shows_it() {
 /// That the instrument repeats an old frame. A new flag has to be in one of these lists.
 #[test]
 fn every_output_says_that_the_instrument_is_frozen() {
-    const HERE: [&str; 5] = ["json-lines", "udp", "web", "out", "record"];
-    // tests of eit-publish: `zenoh_sink::a_subscriber_gets_every_frame`, `foxglove_sink::a_recording_holds_scene_image_and_log`
-    const THERE: [&str; 3] = ["zenoh", "foxglove", "foxglove-record"];
+    const HERE: [&str; 3] = ["json-lines", "out", "record"];
+    // tests of eit-publish: `web::what_is_known_of_the_skin_is_said_in_every_output`,
+    // `zenoh_sink::a_subscriber_gets_every_frame`, `foxglove_sink::a_recording_holds_scene_image_and_log`
+    const THERE: [&str; 5] = ["udp", "web", "zenoh", "foxglove", "foxglove-record"];
     // and a picture of the last image, which has no words but its time
     const OTHERS: &str = "color picture port seconds frames reference-frames split-mb split-s latest frame-id \
                           ros-domain zenoh-connect zenoh-listen zenoh-config zenoh-every-frame json quiet threads \
@@ -331,36 +282,15 @@ fn every_output_says_that_the_instrument_is_frozen() {
 
     // two seconds of the untouched skin, then the last frame again and again
     let skin = Skin::sending(100.0, 400, |frame| if frame < 200 { frame % 100 } else { 99 });
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(LIMIT)).unwrap();
-    let address = receiver.local_addr().unwrap();
     let [out, record] = skin.folder.paths(["out", "frozen.mcap"]);
     let files = format!("--out {out} --record {record} --frames 500");
-    let outputs = format!("--json-lines --udp {address} --web=127.0.0.1:0 {files}");
-    let mut child = start(format!("live {} {outputs}", skin.scene));
-    let mut page = ask(&first_said(&mut child), "GET", "/events");
-    let is_told = |line: &str| line.contains(r#""state":"frozen""#);
-    let page = std::thread::spawn(move || page.any(|line| is_told(&line)));
-    let datagrams = std::thread::spawn(move || {
-        let mut datagram = [0; 65_536];
-        loop {
-            let size = receiver.recv(&mut datagram).unwrap();
-            let line = std::str::from_utf8(&datagram[..size]).unwrap();
-            if is_told(line) || line.contains(r#""ended""#) {
-                return is_told(line);
-            }
-        }
-    });
-    let told = printed(&mut child).filter(|line| is_told(line)).count();
-    assert!(child.wait().unwrap().success());
-    assert!(told > 0, "lines");
-    assert!(datagrams.join().unwrap(), "datagrams");
-    assert!(page.join().unwrap(), "the page");
+    let (told, _) = lines(format!("live {} --json-lines {files}", skin.scene));
+    assert!(told.iter().any(|line| line["state"] == "frozen"), "lines");
     let csv = read_text(format!("{out}/touches.csv"));
     assert!(csv.lines().any(|row| row.ends_with(",frozen")), "touches.csv: {csv}");
     let capture = eit_hw::capture::read(&record).unwrap();
     let is_frozen = |entry: &eit_hw::capture::Entry| match entry {
-        eit_hw::capture::Entry::Touches(touches) => is_told(touches.json()),
+        eit_hw::capture::Entry::Touches(line) => line.json().contains(r#""state":"frozen""#),
         _ => false,
     };
     assert!(capture.entries.iter().any(is_frozen), "the recording");

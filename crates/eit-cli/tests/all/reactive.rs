@@ -1,11 +1,7 @@
 //! Reactive skins: complex voltages and Jacobian against closed forms and the real model.
 
-use crate::common::{
-    Folder, SMALL, answer, number, read, read_array, read_text, refuse_each, refuse_plans, says,
-    succeed,
-};
+use crate::common::*;
 use eit_fem::Complex64;
-use ndarray::{Array1, Array2, Ix1, Ix2};
 
 /// Admittance of the skin of [`SMALL`] with a capacitance of equal admittance over that without.
 const TURN: Complex64 = Complex64::new(1.0, 1.0);
@@ -48,9 +44,8 @@ fn differ<'a>(
     off / size
 }
 
-/// `V(t gamma, z / t) = V(gamma, z) / t` and `dV/dgamma` over `t` squared, for every complex `t`: with
-/// contacts of the skin's own phase every voltage is the real one over `1 + i`, as for a resistor and a
-/// capacitor of equal admittance in parallel.
+/// `V(t gamma, z / t) = V(gamma, z) / t` and `dV/dgamma` over `t` squared, for every complex `t`: with contacts of the
+/// skin's own phase every voltage is the real one over `1 + i`.
 #[test]
 fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
     let folder = Folder::new();
@@ -60,8 +55,8 @@ fn of_one_phase_voltages_and_jacobian_are_the_real_ones_turned() {
     let content = capacitive(CONTACTS_OF_45_DEGREES);
     let wanted = real.mapv(|v| v / TURN);
     let error = differ(&voltages(&file("forward", &content, "v.npy")), &wanted);
-    let jacobian: Array2<Complex64> =
-        ndarray_npy::read_npy(file("jacobian", &content, "j.npy")).unwrap();
+    let jacobian = file("jacobian", &content, "j.npy");
+    let jacobian: Array2<Complex64> = ndarray_npy::read_npy(jacobian).unwrap();
     assert_eq!(jacobian.dim(), (40, real_jacobian.ncols()));
     let slope = differ(&jacobian, &real_jacobian.mapv(|j| j / (TURN * TURN)));
     println!("voltages {error:.1e}, Jacobian {slope:.1e}");
@@ -91,17 +86,15 @@ fn a_strip_has_its_closed_form() {
     let found = voltages(&made(&folder, "forward", &content, "v.npy"));
     let omega = std::f64::consts::TAU * frequency_hz;
     let gamma = Complex64::new(sigma, omega * c);
-    let contacts: Complex64 =
-        capacitances.iter().map(|c| Complex64::new(1.0 / r, omega * c).inv()).sum();
-    let wanted = (length / (gamma * width) + contacts / width) * current;
+    let [one, other] = capacitances.map(|c| Complex64::new(1.0 / r, omega * c).inv());
+    let wanted = (length / (gamma * width) + (one + other) / width) * current;
     let error = (found[0] - wanted).norm() / wanted.norm();
     println!("{error:.1e}");
     // linear elements represent a uniform field exactly; condition number about 1e4
     assert!(found.len() == 1 && error < 1e-12, "{found} {wanted}");
 }
 
-/// CSV alternates real and imaginary parts; a file of conductivities is combined with the scene's
-/// capacitance, a file of admittivities is used unchanged.
+/// CSV alternates real and imaginary parts; conductivities get the scene's capacitance, admittivities stay.
 #[test]
 fn files_hold_the_same_numbers() {
     let folder = Folder::new();
@@ -137,13 +130,11 @@ fn files_hold_the_same_numbers() {
     refuse_each([(line(&folder.scene("")), "the scene stores no charge")]);
 }
 
-/// Nothing flows through a capacitor at zero frequency, nor through zero capacitance: files equal those of
-/// the real scene, byte for byte.
+/// Nothing flows through a capacitor at zero frequency, nor through zero capacitance.
 #[test]
 fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
     let folder = Folder::new();
-    let bytes =
-        |command: &str, content: &str, out: &str| read(made(&folder, command, content, out));
+    let bytes = |command, content, out| read(made(&folder, command, content, out));
     let still = [
         with("sheet_capacitance_f = 1e-10", "", "frequency_hz = 0.0"),
         with("sheet_capacitance_f = 0.0", "", "frequency_hz = 1e6"),
@@ -163,24 +154,19 @@ fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
 fn plan_says_whether_arithmetic_is_complex_and_why() {
     let folder = Folder::new();
     let plan = |content: &str| succeed(format!("plan {}", folder.write("scene.toml", content)));
-    let output = plan(&capacitive(""));
-    assert!(output.contains("complex arithmetic: capacitances carry current at 1591"), "{output}");
-    for stage in ["forward, complex", "Jacobian, complex", "images", "pivoting"] {
-        assert!(output.contains(stage), "{stage}: {output}");
-    }
-    let output = plan(SMALL);
-    assert!(output.contains("complex arithmetic     the scene has no reactive part"), "{output}");
+    let stages = "forward, complex…Jacobian, complex…images…pivoting";
+    let words = format!("complex arithmetic: capacitances carry current at 1591…{stages}");
+    says(&plan(&capacitive("")), words);
+    says(&plan(SMALL), "complex arithmetic     the scene has no reactive part");
     let scene = folder.write("scene.toml", &capacitive(CONTACTS_OF_45_DEGREES));
     let json = answer(format!("plan {scene}"));
     assert_eq!(json["complex"], true);
     // a single phase, up to rounding: elimination in real numbers, rotated
     assert!(number(&json, "phase_span_deg") < 1e-9, "{json}");
     assert!((number(&json, "growth") - 1.0).abs() < 1e-9, "{json}");
-    let stages = json["stages"].as_array().unwrap().iter();
-    let stages: Vec<&str> = stages.map(|stage| stage["stage"].as_str().unwrap()).collect();
+    let stages = texts(&json["stages"], "stage");
     assert_eq!(stages, ["mesh", "forward, complex", "Jacobian, complex"]);
-    let left_out = json["left_out"].as_array().unwrap();
-    assert!(left_out.iter().all(|part| part["what"] != "complex arithmetic"), "{json}");
+    assert!(!texts(&json["left_out"], "what").contains(&"complex arithmetic"), "{json}");
 }
 
 /// Keys are checked, and commands that know conductivity only refuse.

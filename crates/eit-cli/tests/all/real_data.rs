@@ -1,15 +1,13 @@
-//! From real recordings to images: what is known about each must show in its images.
-//!
-//! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
+//! From real recordings to images: what is known about each must show in its images. Every number printed here appears in
+//! `docs/validation/recordings.md`.
 
-use crate::common::{Folder, answer, largest, number, read, read_array, read_text, scene};
+use crate::common::*;
 use eit_inverse::metrics::{
     Blob, Cells, ChangeSign, blobs, correlation_coefficient, rms_second_difference_m,
 };
 use eit_mesh::Raster;
 use eit_skin::{Progress, Skin};
-use ndarray::{Array2, Array3, ArrayView2, Axis};
-use serde_json::Value;
+use ndarray::ArrayView2;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -58,10 +56,6 @@ fn angle_deg(object: &Object) -> f64 {
     object.centre_m[1].atan2(object.centre_m[0]).to_degrees()
 }
 
-fn distance_m(object: &Object, [x, y]: [f64; 2]) -> f64 {
-    (object.centre_m[0] - x).hypot(object.centre_m[1] - y)
-}
-
 impl Run {
     /// Images before a U-net, if there is one, and the final ones.
     fn of(scene: &str, more: &str) -> Vec<Self> {
@@ -105,9 +99,9 @@ impl Run {
 
     /// The only `N` objects of a frame; a further one is a failure.
     fn exactly<const N: usize>(&self, frame: usize, sign: f64) -> [Object; N] {
-        let found = self.objects(frame, sign);
-        <[Object; N]>::try_from(found.clone())
-            .unwrap_or_else(|_| panic!("frame {frame}: {N} objects expected, found {found:?}"))
+        self.objects(frame, sign).try_into().unwrap_or_else(|found: Vec<Object>| {
+            panic!("frame {frame}: {N} objects expected, found {found:?}")
+        })
     }
 
     /// The strongest object of a frame.
@@ -122,7 +116,7 @@ impl Run {
             let (object, pixels) = (self.strongest(frame, -1.0), self.pixels(frame));
             let energy = |least_m: f64| -> f64 {
                 let places = pixels.iter().zip(self.cells.positions_m());
-                let far = places.filter(|(_, place)| distance_m(&object, **place) > least_m);
+                let far = places.filter(|(_, at)| distance_m(object.centre_m, **at) > least_m);
                 far.map(|(value, _)| value * value).sum()
             };
             energy(0.04) / energy(-1.0)
@@ -145,23 +139,18 @@ impl Run {
     }
 
     /// Frames in which the U-net's image was rejected.
-    fn put_aside(&self) -> Vec<u64> {
-        let frames = self.report["denoise"]["check"]["raw_frames"].as_array().unwrap();
-        frames.iter().map(|f| f.as_u64().unwrap()).collect()
+    fn put_aside(&self) -> Vec<f64> {
+        numbers(&self.report["denoise"]["check"], "raw_frames")
     }
-}
-
-/// How roughly something turns: root mean square second difference, degrees.
-fn rough_deg(turns: &[f64]) -> f64 {
-    let squares: f64 = turns.windows(2).map(|s| (s[1] - s[0]).to_degrees().powi(2)).sum();
-    (squares / (turns.len() - 1) as f64).sqrt()
 }
 
 /// Largest distance of the objects in two runs, metres.
 fn apart_m(runs: &[Run; 2], frames: Range<usize>) -> f64 {
-    let object = |run: &Run, frame| run.strongest(frame, -1.0);
-    let apart = |f| distance_m(&object(&runs[0], f), object(&runs[1], f).centre_m);
-    frames.map(apart).fold(0.0, f64::max)
+    let apart_m = |frame| {
+        let [one, other] = runs.each_ref().map(|run| run.strongest(frame, -1.0).centre_m);
+        distance_m(one, other)
+    };
+    frames.map(apart_m).fold(0.0, f64::max)
 }
 
 /// Metal conducts next to electrode 1 (top), plastic insulates next to electrode 5 (right).
@@ -198,7 +187,7 @@ fn golf_ball_b() {
     let mut pair = run.exactly::<2>(3, -1.0).map(|o| angle_deg(&o));
     pair.sort_by(f64::total_cmp);
     let errors = [one, pair[0], pair[1] - 90.0];
-    let off = distance_m(&centre, [0.0, 0.0]) / 0.15;
+    let off = distance_m(centre.centre_m, [0.0, 0.0]) / 0.15;
     println!("centre ball at {off:.3} of the radius; angle errors {errors:.1?} deg");
     assert!(off < 0.1 && errors.iter().all(|e| e.abs() < 8.0), "{off} {errors:?}");
 
@@ -243,7 +232,11 @@ fn iirc_rod_2006() {
     // monotone except for the last frame, where the rod rests (the data changes five times less than usual)
     // and its published track also steps back by 0.5 degrees
     assert!(back > -0.5, "{back}");
-    let rough_deg = tracks.each_ref().map(|turns| rough_deg(turns));
+    // how roughly it turns: root mean square second difference
+    let rough_deg = tracks.each_ref().map(|turns| {
+        let squares: f64 = turns.windows(2).map(|s| (s[1] - s[0]).to_degrees().powi(2)).sum();
+        (squares / (turns.len() - 1) as f64).sqrt()
+    });
     let rough_mm = runs.map(|run| {
         let place = |frame| Some(run.strongest(frame, -1.0).centre_m);
         1e3 * rms_second_difference_m(&(0..100).map(place).collect::<Vec<_>>()).unwrap()
@@ -271,9 +264,8 @@ fn iirc_rod_2006() {
 fn goe_mf2_ball() {
     let Some(run) = run("goe_mf2_ball") else { return };
     assert_eq!(run.images.shape()[0], 200);
-    let track: Vec<Object> = (0..200).map(|frame| run.strongest(frame, -1.0)).collect();
-    let mut steps: Vec<f64> =
-        track.windows(2).map(|o| distance_m(&o[1], o[0].centre_m) / 0.15).collect();
+    let track: Vec<_> = (0..200).map(|frame| run.strongest(frame, -1.0).centre_m).collect();
+    let mut steps: Vec<f64> = track.windows(2).map(|p| distance_m(p[1], p[0]) / 0.15).collect();
     steps.sort_by(f64::total_cmp);
     let weakest = (0..200).map(|frame| run.largest(frame)).fold(f64::INFINITY, f64::min);
     println!("median step {:.3} radii, weakest frame {weakest:.1e} S", steps[99]);
@@ -310,7 +302,7 @@ fn sciospec_tank_adjacent() {
         "energy outside {outside:.4?} (st-tv, one-step, net); {} of 255 frames put aside, {} of the 120 with an \
          object, which moved by at most {:.1} mm",
         aside.len(),
-        aside.iter().filter(|f| (90..210).contains(*f)).count(),
+        aside.iter().filter(|f| (90.0..210.0).contains(*f)).count(),
         1e3 * apart_m(&denoised, 90..210)
     );
     assert!(outside[0] < 0.5 * outside[1] && outside[2] <= outside[0], "{outside:?}");
@@ -365,7 +357,7 @@ fn uef2017_kit4() {
         assert_eq!(found.len(), drawn.len(), "frame {frame}: {found:?}");
         assert!(run.contrast(frame, sign) > 2.0, "frame {frame}");
         for &drawn in drawn {
-            let nearest = found.iter().map(|o| distance_m(o, place(drawn)) / radius_m);
+            let nearest = found.iter().map(|o| distance_m(o.centre_m, place(drawn)) / radius_m);
             let error = nearest.fold(f64::INFINITY, f64::min);
             println!("frame {frame}, drawn at {:.0} deg: off by {error:.3} radii", drawn.0);
             // half the radius of the smaller drawn objects (0.2)
@@ -386,25 +378,20 @@ fn uef2017_kit4() {
 fn ktc2023_training() {
     let Some(run) = run("ktc2023_training") else { return };
     let folder = fixtures::shared_data("ktc2023_training").unwrap();
-    let mut correlations = Vec::new();
-    for target in 1..=4 {
-        let truth: Array2<u8> =
-            ndarray_npy::read_npy(folder.join(format!("truth_{target}.npy"))).unwrap();
+    let correlations = [1, 2, 3, 4].map(|target| {
+        let truth = folder.join(format!("truth_{target}.npy"));
+        let truth: Array2<u8> = ndarray_npy::read_npy(truth).unwrap();
         let image = run.image(target - 1);
         let step = truth.ncols() / image.ncols();
-        let (mut found, mut wanted) = (Vec::new(), Vec::new());
-        for ((i, j), value) in image.indexed_iter().filter(|(_, v)| v.is_finite()) {
+        let pixels = image.indexed_iter().filter(|(_, value)| value.is_finite());
+        let pair = |((i, j), value): ((usize, usize), &f64)| {
+            let cell = |k| truth[[i * step + k / step, j * step + k % step]] as usize;
             // 1 is resistive, 2 conductive
-            let mean: f64 = (0..step * step)
-                .map(|k| truth[[i * step + k / step, j * step + k % step]])
-                .map(|class| [0.0, -1.0, 1.0][class as usize])
-                .sum();
-            found.push(*value);
-            wanted.push(mean);
-        }
-        let equal = vec![1.0; found.len()];
-        correlations.push(correlation_coefficient(&found, &wanted, &equal).unwrap());
-    }
+            (*value, (0..step * step).map(|k| [0.0, -1.0, 1.0][cell(k)]).sum::<f64>())
+        };
+        let (found, wanted): (Vec<f64>, Vec<f64>) = pixels.map(pair).unzip();
+        correlation_coefficient(&found, &wanted, &vec![1.0; found.len()]).unwrap()
+    });
     let mean = correlations.iter().sum::<f64>() / 4.0;
     println!("correlation with the truth {correlations:.3?}, mean {mean:.3}");
     assert!(mean > 0.7);

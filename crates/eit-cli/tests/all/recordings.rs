@@ -1,17 +1,10 @@
 //! Recordings and arrays as `eit convert` and others read and write them.
 #![cfg(unix)]
 
-use crate::common::emulated::{device, record, scene, start};
-use crate::common::{
-    Folder, SMALL, all_said, answer, command, eit, eit_in_shell, exists, number, parse, read,
-    read_array, read_text, recorded, refuse, refuse_each, says, stderr, stdout, succeed,
-    touched_frames,
-};
+use crate::common::emulated::{device, record, scene, signal, start};
+use crate::common::*;
 use eit_hw::capture::{CaptureReader, CaptureWriter, Damage, MAGIC};
-use ndarray::{Array2, Ix2};
 use std::os::unix::fs::symlink;
-use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
 
 fn make_pipe(path: &str) {
     assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
@@ -21,15 +14,15 @@ fn make_pipe(path: &str) {
 #[test]
 fn recover_reports_what_is_missing() {
     let folder = Folder::new();
-    let emulator = start(device("skin"));
-    let (_, json, out) = record(&folder, &emulator, "3");
+    let (_, json, out) = record(&folder, &start(device("skin")), "3");
     let mut bytes = read(&out);
     let all = number(&json, "frames");
     // a byte in the middle of the content of some chunk
     let at = bytes.len() / 2;
     bytes[at] ^= 4;
     let (damaged, whole) = (folder.write("damaged.mcap", &bytes), folder.path("whole.mcap"));
-    let found = answer(format!("convert {damaged} --recover --out {whole}"));
+    let line = format!("convert {damaged} --recover --out {whole}");
+    let found = answer(&line);
     assert_eq!(found["bad_chunks"], 1, "{found}");
     let frames = number(&found, "frames");
     // chunks contain a second each, or more if the processor was busy for long: at least three quarters of
@@ -37,7 +30,6 @@ fn recover_reports_what_is_missing() {
     assert!(frames < all && frames > 0.25 * all, "{frames} of {all}");
     let capture = eit_hw::capture::read(&whole).unwrap();
     assert!(capture.frames().count() as f64 == frames && !capture.damage.unfinished);
-    let line = format!("convert {damaged} --recover --out {whole}");
     refuse_each([(&*line, "exists"), (&format!("{line}.csv"), ".mcap")]);
 }
 
@@ -62,8 +54,7 @@ fn recover_does_not_call_other_content_undamaged() {
         let content = parts.concat();
         [&[op][..], &(content.len() as u64).to_le_bytes(), &content].concat()
     };
-    let text_of =
-        |words: &str| [&(words.len() as u32).to_le_bytes()[..], words.as_bytes()].concat();
+    let text_of = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
     let bytes = [
         MAGIC.to_vec(),
         record(1, &[&text_of(""), &text_of("test")]),
@@ -80,7 +71,7 @@ fn recover_does_not_call_other_content_undamaged() {
         std::fs::remove_file(&to).unwrap();
     }
     let found = answer(format!("convert {other} --recover --out {to}"));
-    assert_eq!((&found["frames"], &found["unreadable"]), (&0.into(), &1.into()), "{found}");
+    has(&found, json!({ "frames": 0, "unreadable": 1 }));
 }
 
 /// Nor stray files; after SIGKILL the half has `.part` or a dot in its name.
@@ -96,13 +87,13 @@ fn a_command_that_is_ended_leaves_no_half_files() {
         names
     };
     let (mut ended, mut seen) = (0, 0);
-    for (signal, name) in [
-        ("INT", "b.npy"),
-        ("TERM", "b.mcap"),
-        ("HUP", "b.mcap"),
-        ("KILL", "b.mcap"),
-        ("KILL", "r.mcap"),
-        ("INT", "r.mcap"),
+    for (end, name) in [
+        ("-INT", "b.npy"),
+        ("-TERM", "b.mcap"),
+        ("-HUP", "b.mcap"),
+        ("-KILL", "b.mcap"),
+        ("-KILL", "r.mcap"),
+        ("-INT", "r.mcap"),
     ] {
         let out = folder.path(name);
         let form = if name == "r.mcap" { "--recover" } else { "" };
@@ -112,23 +103,19 @@ fn a_command_that_is_ended_leaves_no_half_files() {
         while names().is_empty() && child.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        crate::common::emulated::signal(&child, &format!("-{signal}"));
-        if child.wait().unwrap().success() {
-            // it was faster; then everything is there
-            assert_eq!(names(), [name], "{signal}");
-            std::fs::remove_file(&out).unwrap();
-            continue;
+        signal(&child, end);
+        // else it was faster; then everything is there
+        if !child.wait().unwrap().success() {
+            ended += 1;
+            let left = names();
+            seen += left.len();
+            assert!(end == "-KILL" || left.is_empty(), "{end}: {left:?}");
+            assert!(left.iter().all(|name| name.ends_with(".part")), "{left:?}");
+            // the next run is not in the way of what was left
+            let again = succeed(&line);
+            assert!(again.starts_with("6000 frames"), "{again}");
         }
-        ended += 1;
-        let left = names();
-        seen += left.len();
-        assert!(!left.contains(&name.to_owned()), "{signal}: {left:?}");
-        assert!(signal == "KILL" || left.is_empty(), "{signal}: {left:?}");
-        assert!(left.iter().all(|name| name.ends_with(".part")), "{left:?}");
-        // the next run is not in the way of what was left
-        let again = succeed(&line);
-        assert!(again.starts_with("6000 frames"), "{again}");
-        assert_eq!(names(), [name]);
+        assert_eq!(names(), [name], "{end}");
         std::fs::remove_file(&out).unwrap();
     }
     assert!(ended >= 3, "{ended} of 6 were ended while they wrote, {seen} files left");
@@ -137,9 +124,8 @@ fn a_command_that_is_ended_leaves_no_half_files() {
 /// A table of 208 random values a row.
 fn random_table(folder: &Folder, rows: usize) -> String {
     let mut random = fixtures::Random::new(2);
-    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
-    let rows: Vec<String> = (0..rows).map(row).collect();
-    folder.write("a.csv", rows.join("\n") + "\n")
+    let values = Array2::from_shape_simple_fn((rows, 208), || random.uniform());
+    folder.write("a.csv", table(&values))
 }
 
 /// A pipe or device is not replaced by a file, a link stays one, and what is read is not written over.
@@ -176,27 +162,23 @@ fn nothing_whole_is_refused_and_leaves_no_file() {
         (b"", "new.mcap", "damaged.mcap"),
         (&noise, "none/new.mcap", "new.mcap: cannot be written"),
     ] {
-        let damaged = folder.write("damaged.mcap", content);
-        let line = format!("convert {damaged} --recover --out {}", folder.path(to));
-        refuse_each([(line, wanted)]);
+        let (damaged, to) = (folder.write("damaged.mcap", content), folder.path(to));
+        refuse_each([(format!("convert {damaged} --recover --out {to}"), wanted)]);
         assert!(!exists(&new));
     }
     let (table, whole) = (folder.write("a.csv", "1,2,3\n4,5,6\n"), folder.path("whole.mcap"));
     succeed(format!("convert {table} --out {whole}"));
     // the first chunk holds the session alone
     let bytes = read(&whole);
-    let mut said = String::new();
-    for length in (0..bytes.len()).step_by(50) {
+    let recover = |length| {
         let cut = folder.write("cut.mcap", &bytes[..length]);
-        let output = eit(format!("convert {cut} --recover --out {new}"));
-        if output.status.code() == Some(1) {
-            said = stderr(&output);
-            break;
-        }
-        assert_eq!((output.status.code(), exists(&new)), (Some(2), false));
-    }
-    assert!(said.contains("cut.mcap: no frame is intact; "), "{said}");
-    assert!(said.contains("new.mcap is not written") && !exists(&new), "{said}");
+        eit(format!("convert {cut} --recover --out {new}"))
+    };
+    let is_refused = |output: &Output| output.status.code() == Some(2) && !exists(&new);
+    let mut outputs = (0..bytes.len()).step_by(50).map(recover);
+    let output = outputs.find(|output| !is_refused(output)).unwrap();
+    says(&ended(&output, 1), "cut.mcap: no frame is intact; …new.mcap is not written");
+    assert!(!exists(&new));
 }
 
 /// A frame that the file's end cuts off is counted, and told in the singular.
@@ -207,16 +189,14 @@ fn convert_tells_of_a_cut_frame() {
     let bytes: Vec<u8> = (0..600).flat_map(|k| (0.1 + 0.001 * k as f32).to_le_bytes()).collect();
     let (cut, table) = (folder.write("cut.get", bytes), folder.path("table.csv"));
     let found = answer(format!("convert {cut} --out {table}"));
-    assert_eq!((&found["frames"], &found["skipped_frames"]), (&2.into(), &1.into()), "{found}");
     let note = "1 cut frame skipped (byte 2048: 352 bytes instead of 1024)";
-    assert_eq!(found["notes"], serde_json::json!([note]));
+    has(&found, json!({ "frames": 2, "skipped_frames": 1, "notes": [note] }));
 }
 
 /// A skin that never rests: what to do, also for programs.
 #[test]
 fn a_replay_without_a_reference_says_why() {
-    let folder = Folder::new();
-    let scene = folder.scene("");
+    let (folder, scene) = Folder::with_scene("");
     let (_, frames) = touched_frames(&folder);
     // each measurement swings by 5 %
     let swings = Array2::from_shape_fn((72, frames.ncols()), |(f, i)| {
@@ -233,14 +213,11 @@ fn a_replay_without_a_reference_says_why() {
     assert!(number(&found, "unrest") > 0.01, "{found}");
 }
 
-/// A table is no recording: the command that makes one of it is named, and works. Where its frames have no times, the
-/// assumed rate is told once, by whatever command reads it, and not where it is stated.
+/// Where its frames have no times, the assumed rate is told once, by whatever command reads it, unless it is stated.
 #[test]
 fn a_table_is_replayed_after_the_command_that_is_named() {
-    let folder = Folder::new();
-    let plain = folder.scene("");
-    let of_recording =
-        |name: &str, key: &str| folder.write(name, format!("{SMALL}\n[recording]\n{key}\n"));
+    let (folder, plain) = Folder::with_scene("");
+    let of_recording = |name, key| folder.write(name, format!("{SMALL}\n[recording]\n{key}\n"));
     let stated = of_recording("stated.toml", "frame_rate_hz = 50.0");
     let (array, _) = touched_frames(&folder);
     let [table, recording, out] = folder.paths(["press.csv", "press.mcap", "out"]);
@@ -280,8 +257,8 @@ fn a_table_is_replayed_after_the_command_that_is_named() {
         let replay = format!("replay {scene} --from {recording}");
         for line in [reconstruct(scene, &table), replay] {
             let output = eit(&line);
+            ended(&output, 0);
             let said = all_said(&output);
-            assert!(output.status.success(), "{line}: {said}");
             let notes = said.matches("20 frames a second; if it is another one").count();
             assert_eq!(notes, count, "{line}: {said}");
         }
@@ -329,9 +306,8 @@ fn a_conversion_that_fails_leaves_no_recording() {
     for name in ["a.mcap", "b.npy"] {
         let out = folder.path(name);
         let line = format!("convert {table} --out {out}");
-        let output = eit_in_shell("trap '' XFSZ; ulimit -f 400", line);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{said}");
+        let output = in_shell("trap '' XFSZ; ulimit -f 400;", line).output().unwrap();
+        let said = ended(&output, 1);
         assert!(said.contains(&out) && !said.contains(".eit-"), "{said}");
         assert!(name != "a.mcap" || said.contains("a.mcap: cannot be written"), "{said}");
         assert_eq!(folder.names(), ["a.csv"]);
@@ -346,15 +322,13 @@ fn a_hostile_header_of_images_is_refused_at_once() {
         [b"\x93NUMPY\x02\x00", &length[..], header.as_bytes()].concat()
     };
     let nested = [24, 60_000].map(|depth| {
-        let (open, closed) = ("[".repeat(depth), "]".repeat(depth));
-        let header =
-            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {open}{closed}, }}\n");
+        let shape = "[".repeat(depth) + &"]".repeat(depth);
+        let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n");
         headed((header.len() as u32).to_le_bytes(), &header)
     });
     for bytes in nested.into_iter().chain([headed([0xff; 4], "{}")]) {
-        let (images, out, start) =
-            (folder.write("nest.npy", bytes), folder.path("out"), Instant::now());
-        let options = format!("--weights default --images {images} --out {out}");
+        let (images, start) = (folder.write("nest.npy", bytes), Instant::now());
+        let options = format!("--weights default --images {images} --out never");
         let said = refuse(format!("net apply paper-disc {options}"));
         assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
         assert!(said.len() < 400, "{} bytes", said.len());
@@ -381,8 +355,8 @@ fn devices_without_an_end_are_no_files() {
         }
     }
     let zero = "[noise]\nadditive_v = 1e-6\n[touch]\nlearned = \"/dev/zero\"\n";
-    let frames =
-        folder.write_array("f.npy", &Array2::from_shape_fn((2, 40), |(f, _)| 1.0 + f as f64));
+    let frames = Array2::from_shape_fn((2, 40), |(frame, _)| 1.0 + frame as f64);
+    let frames = folder.write_array("f.npy", &frames);
     let scene = folder.scene(zero);
     refuse_each([
         (&*format!("reconstruct {scene} --frames {frames} --reference 0 --out never"), "/dev/zero"),
@@ -397,13 +371,10 @@ fn devices_without_an_end_are_no_files() {
 #[test]
 fn convert_keeps_what_a_recording_holds() {
     let folder = Folder::new();
-    let emulator = start(device("skin"));
-    let (_, json, out) = record(&folder, &emulator, "1");
+    let (_, json, out) = record(&folder, &start(device("skin")), "1");
     let frames = &json["frames"];
     let [other, table, array, scene] = folder.paths(["b.mcap", "b.csv", "b.npy", "scene.toml"]);
-    for (to, more) in
-        [(&other, format!("--scene {scene}")), (&table, "".into()), (&array, "".into())]
-    {
+    for (to, more) in [(&other, &*format!("--scene {scene}")), (&table, ""), (&array, "")] {
         let said = succeed(format!("convert {out} --out {to} {more}"));
         assert!(said.starts_with(&format!("{frames} frames of 40 values")), "{said}");
     }
@@ -421,9 +392,7 @@ fn convert_keeps_what_a_recording_holds() {
     let lasted_ns = wanted.last().unwrap().log_ns - wanted[0].log_ns;
     assert!(lasted_ns > 500_000_000, "frames of one second: {lasted_ns} ns");
     assert_eq!(times(&other), wanted);
-    for path in [&table, &array] {
-        assert_eq!(recorded(path, false), recorded(&out, false));
-    }
+    assert!([&table, &array].iter().all(|path| recorded(path, false) == recorded(&out, false)));
 }
 
 /// Every command reads the parts of a split recording as one.
@@ -437,10 +406,9 @@ fn a_split_recording_is_one_recording_for_every_command() {
     let frames = number(&json, "frames");
     let files = eit_hw::capture::files(&out);
     let names: Vec<&str> = files.iter().map(|file| file.to_str().unwrap()).collect();
-    assert_eq!(json["files"], serde_json::json!(names));
     assert!((3..=4).contains(&files.len()) && !exists(&out), "{names:?}");
     let bytes: u64 = files.iter().map(|file| file.metadata().unwrap().len()).sum();
-    assert_eq!(json["bytes"], bytes);
+    has(&json, json!({ "files": names, "bytes": bytes }));
     // a name that is taken by parts
     refuse_each([
         (format!("{record} --seconds 1"), "press.00001.mcap: exists…--append"),
@@ -465,8 +433,7 @@ fn a_split_recording_is_one_recording_for_every_command() {
         let [to, replayed] = folder.paths([to, &format!("replay-{to}")]);
         succeed(format!("reconstruct {scene} --frames {from} --reference 0..20 --out {to}"));
         // the second run is another epoch, which stderr says
-        let output = eit(format!("replay {scene} --from {from} --out {replayed}"));
-        assert!(output.status.success());
+        ended(&eit(format!("replay {scene} --from {from} --out {replayed}")), 0);
         [to, replayed].map(|folder| read(format!("{folder}/images.npy")))
     };
     assert_eq!(images(&out, "parts"), images(&one, "one"));

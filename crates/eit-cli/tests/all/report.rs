@@ -1,10 +1,6 @@
 //! `eit report`, and how `eit plan` uses it.
 
-use crate::common::{
-    Folder, answer, exists, number, parse, read, read_text, refuse_each, refuse_plans, stderr,
-    succeed,
-};
-use serde_json::Value;
+use crate::common::*;
 
 /// Page, tables and pictures; meaningful errors; choices that are the best of their table.
 #[test]
@@ -20,11 +16,10 @@ fn the_report_of_a_scene_is_whole() {
     for row in solvers {
         let number = |key: &str| number(row, key);
         assert!(number("relative_error") > 0.0, "{row}");
-        let [least, median, most] =
-            ["ms_a_frame_least", "ms_a_frame", "ms_a_frame_most"].map(number);
-        assert!(0.0 < least && least <= median && median <= most, "{row}");
+        let times = ["ms_a_frame_least", "ms_a_frame", "ms_a_frame_most"].map(number);
+        assert!(0.0 < times[0] && times.is_sorted(), "{row}");
         assert!(number("floor_ms_a_frame") > 0.0, "{row}");
-        assert!(number("cost_ms_a_frame") >= median, "{row}");
+        assert!(number("cost_ms_a_frame") >= number("ms_a_frame"), "{row}");
         if row["status"] == "converged" && row["target_gap"].is_number() {
             assert!(number("proven_gap") <= number("target_gap"), "{row}");
         }
@@ -46,9 +41,7 @@ fn the_report_of_a_scene_is_whole() {
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
     assert!(page.contains("src=\"forward_single_frame.png\""));
     let size = |name: &str| read(format!("{out}/{name}")).len();
-    for name in ["report.md", "inverse.csv", "forward.csv"] {
-        assert!(size(name) > 100, "{name}");
-    }
+    assert!(["report.md", "inverse.csv", "forward.csv"].iter().all(|name| size(name) > 100));
     let images = ["images_single_frame_bell.png", "images_single_frame_pad.png"];
     for name in ["error_single_frame.png", "forward_single_frame.png"].into_iter().chain(images) {
         assert!(size(name) > 10_000, "{name}");
@@ -56,8 +49,7 @@ fn the_report_of_a_scene_is_whole() {
     assert!(!exists(format!("{out}/incomplete.txt")));
 }
 
-/// Errors of the forward problem are meaningful: quadratic elements are better on every mesh, finer meshes
-/// are better, no error is stated that the reference cannot resolve, and the chosen meshes meet their errors.
+/// Quadratic elements and finer meshes are better, the reference resolves each error, and chosen meshes meet theirs.
 fn check_forward(skin: &Value, name: &str) {
     assert_eq!(skin["scene"], name);
     let meshes = skin["meshes"].as_array().unwrap();
@@ -91,8 +83,7 @@ fn check_forward(skin: &Value, name: &str) {
     }
 }
 
-/// Skins without images: one compared with the series, one with a finer mesh, one with patches. Ctrl-C then keeps the
-/// finished scenes, and they say so.
+/// Skins without images: one compared with the series, one with a finer mesh, one with patches; then Ctrl-C.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_report_keeps_what_it_has() {
@@ -100,38 +91,27 @@ fn an_interrupted_report_keeps_what_it_has() {
     let out = folder.path("report");
     let names = ["hemisphere", "plate-with-hole", "patches"];
     let scenes = names.join(",");
-    let mut report =
-        crate::common::command(format!("report --scenes {scenes},paper-disc-60 --out {out}"));
-    let (stdout, piped) = (std::process::Stdio::piped(), std::process::Stdio::piped());
-    let child = report.stdout(stdout).stderr(piped).spawn().unwrap();
+    let child = emulated::spawn(format!("report --scenes {scenes},paper-disc-60 --out {out}"));
     // the last file of a set to be renamed into place
     let file = format!("{out}/report.json");
-    let is_finished = || exists(&file) && read_text(&file).contains("\"scene\": \"patches\"");
-    crate::common::wait_until(is_finished);
-    crate::common::emulated::signal(&child, "-INT");
-    let output = child.wait_with_output().unwrap();
-    let error = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{error}");
-    assert!(error.contains("3 of 4 scenes"), "{error}");
-    let page = read_text(format!("{out}/report.html"));
-    assert!(page.contains("Incomplete, without paper-disc-60"));
-    crate::common::says(&read_text(format!("{out}/incomplete.txt")), "paper-disc-60");
+    wait_until(|| exists(&file) && read_text(&file).contains("\"scene\": \"patches\""));
+    emulated::signal(&child, "-INT");
+    says(&ended(&child.wait_with_output().unwrap(), 1), "3 of 4 scenes");
+    says(&read_text(format!("{out}/report.html")), "Incomplete, without paper-disc-60");
+    says(&read_text(format!("{out}/incomplete.txt")), "paper-disc-60");
     let report = parse(&read_text(file));
-    assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
-    assert!(report["scenes"].as_array().unwrap().is_empty());
+    has(&report, json!({ "missing": ["paper-disc-60"], "scenes": [] }));
     let skins = report["forward"].as_array().unwrap();
     assert_eq!(skins.len(), names.len());
     for (skin, name) in skins.iter().zip(names) {
         check_forward(skin, name);
-        let is_series = skin["reference"] == "the mesh-free series";
-        assert_eq!(is_series, name == "hemisphere", "{skin}");
+        assert_eq!(skin["reference"] == "the mesh-free series", name == "hemisphere", "{skin}");
     }
-    let table = read_text(format!("{out}/forward.csv"));
-    assert!(names.iter().all(|name| table.contains(name)), "{table}");
-    assert!(read_text(format!("{out}/report.md")).contains("\n## Forward problem\n"));
-    assert!(!exists(format!("{out}/inverse.csv")));
-    let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).collect();
-    assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".eit-")), "{left:?}");
+    says(&read_text(format!("{out}/forward.csv")), names.join("…"));
+    says(&read_text(format!("{out}/report.md")), "\n## Forward problem\n");
+    let left = names_in(&out);
+    let is_of_another = |name: &str| name == "inverse.csv" || name.starts_with(".eit-");
+    assert!(!left.iter().any(|name| is_of_another(name)), "{left:?}");
 }
 
 #[test]
@@ -147,15 +127,10 @@ fn scenes_without_a_report_are_refused_before_any_work() {
 /// A plan states the expected error, if it was measured, and what would be better in less time.
 #[test]
 fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
-    for (scene, like) in [
-        ("paper-disc", "paper-disc-60"),
-        ("stiff-contact", "stiff-contact"),
-        ("high-contrast", "high-contrast"),
-        ("general-32", "general-32"),
-        ("single-frame", "single-frame"),
-    ] {
+    for scene in ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"] {
         let plan = answer(format!("plan {scene}"));
         let expected = &plan["expected_images"];
+        let like = if scene == "paper-disc" { "paper-disc-60" } else { scene };
         assert_eq!(expected["measured_on"], like);
         let error = number(expected, "relative_error");
         // a method worse than twice an empty image is not worth planning with
@@ -166,12 +141,4 @@ fn a_plan_expects_what_was_measured_on_the_nearest_scene() {
             assert!(number(stage, "expected_time_s") > 0.0, "{stage}");
         }
     }
-}
-
-/// Currents on all electrodes at once leave none undriven: the scene must say so.
-#[test]
-fn trigonometric_currents_keep_driven_electrodes() {
-    let scene = succeed("plan general-32 --print-scene");
-    let dropped = scene.replace("driven_electrodes = \"keep\"", "driven_electrodes = \"drop\"");
-    refuse_plans([(dropped, "trigonometric…keep")]);
 }

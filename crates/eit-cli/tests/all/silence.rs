@@ -1,15 +1,14 @@
 //! Instruments that fall silent, restart, report wrong numbers or send hostile text: our own emulated device behind TCP.
 #![cfg(unix)]
 
-use crate::common::emulated::{Meddled, device, record, scene, side_by_side, start};
-use crate::common::{
-    Folder, all_said, command, eit, exists, number, read_text, stderr, stdout, succeed, wait_until,
+use crate::common::emulated::{
+    device, own_host, record, scene, side_by_side, start, start_meddled,
 };
+use crate::common::*;
 use eit_hw::codec::eits1::{self, Kind};
 use eit_hw::driver::Event;
-use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
+use eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_skin::Next;
-use std::time::Duration;
 
 const HOSTILE: &str = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\n\rFAKE LINE\u{9b}2J";
 
@@ -32,59 +31,44 @@ fn a_robot_hears_that_the_instrument_is_gone() {
 fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
     let folder = Folder::new();
     let (mut frames, mut is_done) = (0, false);
-    let emulator = start(Box::new(Meddled {
-        device: device("skin"),
-        meddle: move |_, device: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
-            frames += usize::from(!sent.is_empty());
-            if frames == 60 && !is_done {
-                is_done = true;
-                device.power_cycle();
-                // the announcement is lost on the way
-                device.poll(Duration::ZERO, &mut Vec::new());
-                sent.clear();
-            }
-        },
-    }));
+    let emulator = start_meddled(move |_, device, sent| {
+        frames += usize::from(!sent.is_empty());
+        if frames == 60 && !is_done {
+            is_done = true;
+            device.power_cycle();
+            // the announcement is lost on the way
+            device.poll(Duration::ZERO, &mut Vec::new());
+            sent.clear();
+        }
+    });
     let (output, json, out) = record(&folder, &emulator, "6");
-    assert!(output.status.success(), "{}", stderr(&output));
-    assert_eq!(json["reconnections"], 1, "{json}");
-    assert_eq!(json["ended_silent"], false);
+    says(&ended(&output, 0), "no frame for 0.5 s");
+    has(&json, json!({ "reconnections": 1, "ended_silent": false }));
     // set-up, 2 s of silence, set-up again: more than two seconds of frames remain
     assert!(number(&json, "frames") > 200.0, "{json}");
     // it is configured again after two seconds
     assert!(number(&json, "silent_s") >= 2.0, "{json}");
-    assert!(stderr(&output).contains("no frame for 0.5 s"), "{}", stderr(&output));
-    let capture = eit_hw::capture::read(&out).unwrap();
-    assert_eq!(capture.frames().last().unwrap().epoch, 1);
+    assert_eq!(eit_hw::capture::read(&out).unwrap().frames().last().unwrap().epoch, 1);
 }
 
 /// And not told to be without power: the bytes are counted, and the reason why it is not used again is given once.
 #[test]
 fn a_board_that_sends_other_lines_is_named() {
-    struct Board(u64);
-    impl Device for Board {
-        fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
-
-        fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
-            while (self.0 as f64) < 50.0 * now.as_secs_f64() {
-                let count = if self.0 < 150 { 40 } else { 20 };
-                let values = (0..count).map(|k| (self.0 * 7 + k).to_string());
-                out.extend(values.collect::<Vec<_>>().join(",").bytes().chain(*b"\r\n"));
-                self.0 += 1;
-            }
+    let mut sent = 0_u32;
+    let emulator = start_meddled(move |now, _, out| {
+        out.clear();
+        while f64::from(sent) < 50.0 * now.as_secs_f64() {
+            let count = if sent < 150 { 40 } else { 20 };
+            let values = (0..count).map(|k| (sent * 7 + k).to_string());
+            out.extend(values.collect::<Vec<_>>().join(",").bytes().chain(*b"\r\n"));
+            sent += 1;
         }
-
-        fn power_cycle(&mut self) {}
-    }
-    let (folder, emulator) = (Folder::new(), start(Box::new(Board(0))));
-    let keys = read_text(scene(&folder));
-    let keys = keys.replace("\"eits1\"", "\"csv\"").replace("frame_rate_hz = 100.0", "");
-    let (board, out) = (folder.write("scene.toml", keys), folder.path("out.mcap"));
-    let port = emulator.endpoint();
-    let output = eit(format!("record {board} --port {port} --out {out} --seconds 16"));
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(3), "{said}");
-    assert!(said.contains("bytes came: it sends something else than before"), "{said}");
+    });
+    let (folder, port) = (Folder::new(), emulator.endpoint());
+    let board = folder.scene("[instrument]\ndriver = \"csv\"\nport = \"unused\"\n");
+    let out = folder.path("out.mcap");
+    let said = ended(&eit(format!("record {board} --port {port} --out {out} --seconds 16")), 3);
+    says(&said, "bytes came: it sends something else than before");
     assert!(!said.contains("check its power"), "{said}");
     let reason =
         "received complete lines of 20 numbers, but the scene's protocol has 40 measurements";
@@ -96,15 +80,12 @@ fn a_board_that_sends_other_lines_is_named() {
 fn frames_of_an_unplugged_time_are_estimated() {
     let folder = Folder::new();
     // some 100 frames
-    let plan =
-        FaultPlan { unplug_after_bytes: vec![20_000], unplugged_s: 1.5, ..FaultPlan::default() };
-    // on Linux at a loopback address of its own, so that no other program takes its port meanwhile
-    let [low, high, ..] = std::process::id().to_le_bytes();
-    let host = if cfg!(target_os = "linux") { [127, high, low, 1] } else { [127, 0, 0, 1] };
-    let listen = Listen::Tcp(format!("{}:0", std::net::Ipv4Addr::from(host)));
+    let unplug_after_bytes = vec![20_000];
+    let plan = FaultPlan { unplug_after_bytes, unplugged_s: 1.5, ..FaultPlan::default() };
+    let listen = Listen::Tcp(format!("{}:0", own_host()));
     let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
-    let (output, json, out) = record(&folder, &emulator, "6");
-    assert!(output.status.success(), "{}", stderr(&output));
+    let (output, json, _) = record(&folder, &emulator, "6");
+    ended(&output, 0);
     let number = |key: &str| number(&json, key);
     assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
     // attempts to reconnect come at growing intervals, and take longer on a busy computer
@@ -113,13 +94,9 @@ fn frames_of_an_unplugged_time_are_estimated() {
     let estimate = (100.0 * number("disconnected_s")).round();
     assert_eq!(number("no_data_frames_estimate"), estimate, "{json}");
     // 6 s at 100 Hz, of which the first set-up takes some
-    let all = number("frames") + estimate;
-    assert!((450.0..=620.0).contains(&all), "{json}");
+    assert!((450.0..=620.0).contains(&(number("frames") + estimate)), "{json}");
     // with the time without data it would be at most 75 per second
     assert!((80.0..=110.0).contains(&number("frame_rate_hz")), "{json}");
-    let epochs: Vec<u32> =
-        eit_hw::capture::read(&out).unwrap().frames().map(|frame| frame.epoch).collect();
-    assert!(epochs.is_sorted() && epochs.last() == Some(&1));
     // the same in words
     let (scene, port, other) = (scene(&folder), emulator.endpoint(), folder.path("other.mcap"));
     let said = succeed(format!("record {scene} --port {port} --seconds 1 --out {other}"));
@@ -129,16 +106,13 @@ fn frames_of_an_unplugged_time_are_estimated() {
 #[test]
 fn silence_at_the_end_is_exit_code_3() {
     let folder = Folder::new();
-    let emulator = start(Box::new(Meddled {
-        device: device("skin"),
-        meddle: |now: Duration, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
-            if now > Duration::from_millis(1500) {
-                sent.clear();
-            }
-        },
-    }));
+    let emulator = start_meddled(|now, _, sent| {
+        if now > Duration::from_millis(1500) {
+            sent.clear();
+        }
+    });
     let (output, json, _) = record(&folder, &emulator, "3");
-    assert_eq!(output.status.code(), Some(3), "{}", stderr(&output));
+    ended(&output, 3);
     assert_eq!(json["ended_silent"], true, "{json}");
     // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
     assert!((20.0..150.0).contains(&number(&json, "frames")), "{json}");
@@ -146,9 +120,8 @@ fn silence_at_the_end_is_exit_code_3() {
     let (scene, port) = (scene(&folder), emulator.endpoint());
     for (command, wanted) in [("live", "no frame for"), ("check", "no frame within 2 s")] {
         let output = eit(format!("{command} {scene} --port {port} --seconds 2"));
+        says(&ended(&output, 3), wanted);
         let said = all_said(&output);
-        assert_eq!(output.status.code(), Some(3), "{said}");
-        assert!(stderr(&output).contains(wanted), "{said}");
         assert!(command != "live" || said.contains("silent or unplugged at the end"), "{said}");
     }
 }
@@ -158,26 +131,23 @@ fn silence_at_the_end_is_exit_code_3() {
 fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
     side_by_side([("anew", 1), ("jump", 0)], |(name, epochs)| {
         let (folder, mut frames) = (Folder::new(), 0_u32);
-        let emulator = start(Box::new(Meddled {
-            device: device("skin"),
-            meddle: move |_, _: &mut Box<dyn Device>, sent: &mut Vec<u8>| {
-                let mut out = Vec::new();
-                eits1::Decoder::new().push(sent, &mut |event| {
-                    let eits1::Event::Message(mut message) = event else { return };
-                    frames += u32::from(message.kind == Kind::Frame);
-                    match name {
-                        _ if message.kind != Kind::Frame => {}
-                        "anew" if frames > 100 => message.sequence = frames - 101,
-                        "jump" if frames == 100 => message.sequence += 1_000_000_000,
-                        _ => {}
-                    }
-                    eits1::encode(&message, &mut out).unwrap();
-                });
-                *sent = out;
-            },
-        }));
+        let emulator = start_meddled(move |_, _, sent| {
+            let mut out = Vec::new();
+            eits1::Decoder::new().push(sent, &mut |event| {
+                let eits1::Event::Message(mut message) = event else { return };
+                frames += u32::from(message.kind == Kind::Frame);
+                match name {
+                    _ if message.kind != Kind::Frame => {}
+                    "anew" if frames > 100 => message.sequence = frames - 101,
+                    "jump" if frames == 100 => message.sequence += 1_000_000_000,
+                    _ => {}
+                }
+                eits1::encode(&message, &mut out).unwrap();
+            });
+            *sent = out;
+        });
         let (output, json, out) = record(&folder, &emulator, "3");
-        assert!(output.status.success(), "{}", stderr(&output));
+        ended(&output, 0);
         // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
         // the impossible number, and one that it hides
         let [found, lost] = ["frames", "lost"].map(|key| number(&json, key));
@@ -210,13 +180,13 @@ fn nothing_of_others_reaches_the_terminal_as_it_is() {
             Some("replay") => (0, ""),
             _ => (0, "OWNED"),
         };
-        assert_eq!(output.status.code(), Some(code), "eit {line}: {}", stderr(&output));
+        ended(&output, code);
         for said in [stdout(&output), stderr(&output)] {
-            assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "eit {line}: {said:?}");
+            assert!(!said.contains(|c: char| c.is_control() && c != '\n'), "{said:?}");
             // nor start a line within the name
             assert!(!said.lines().any(|line| line.trim_start().starts_with("FAKE")), "{said:?}");
         }
-        assert!(all_said(&output).contains(name), "eit {line}: {}", all_said(&output));
+        says(&all_said(&output), name);
     }
 }
 
@@ -228,11 +198,10 @@ fn a_second_recorder_is_refused() {
     let (scene, out) = (scene(&folder), folder.path("out.mcap"));
     let [one, two] = [first.endpoint(), second.endpoint()];
     let line = format!("record {scene} --port {one} --out {out} --seconds 4");
-    let mut running = command(line).stdout(std::process::Stdio::null()).spawn().unwrap();
+    let mut running = command(line).stdout(Stdio::null()).spawn().unwrap();
     wait_until(|| exists(&out));
-    let refused = eit(format!("record {scene} --port {two} --out {out} --seconds 1 --append"));
-    assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));
+    let line = format!("record {scene} --port {two} --out {out} --seconds 1 --append");
+    says(&ended(&eit(line), 2), "out.mcap: another program is recording to it");
     // the instrument has one host
     let other = folder.path("other.mcap");
     let refused = eit(format!("record {scene} --port {one} --out {other} --seconds 1"));

@@ -1,38 +1,18 @@
 //! Every claim of docs/VALIDATION.md and docs/validation names a test that exists, or a program of the repository.
 
+use crate::common::*;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-/// All files below `folder` with this ending.
-fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            found.extend(files(&path, ending));
-        } else if path.extension().is_some_and(|e| e == ending) {
-            found.push(path);
-        }
-    }
-    found
-}
 
 /// Files with tests as `folder::file` and tests as `folder::file::test`, each also by the ends of its path.
 fn tests() -> BTreeSet<String> {
     let mut names = BTreeSet::new();
     for folder in ["crates", "benches"] {
-        for file in files(&root().join(folder), "rs") {
+        for file in files_below(&root().join(folder), "rs") {
             let path = file.strip_prefix(root()).unwrap().with_extension("");
             let mut path: Vec<&str> = path.iter().map(|part| part.to_str().unwrap()).collect();
             path.retain(|&part| part != "mod" && part != "tests");
-            let text = std::fs::read_to_string(&file).unwrap();
-            for test in text.split("#[test]").skip(1) {
-                let name =
-                    test.split("fn ").nth(1).and_then(|rest| rest.split('(').next()).unwrap();
+            for test in read_text(&file).split("#[test]").skip(1) {
+                let name = test.split("fn ").nth(1).unwrap().split('(').next().unwrap();
                 for start in 0..path.len() {
                     let file = path[start..].join("::");
                     names.insert(format!("{file}::{name}"));
@@ -56,15 +36,14 @@ fn is_name(text: &str) -> bool {
 #[test]
 fn every_claim_names_a_test() {
     let tests = tests();
-    let mut pages = files(&root().join("docs/validation"), "md");
+    let mut pages = files_below(&root().join("docs/validation"), "md");
     pages.push(root().join("docs/VALIDATION.md"));
     let mut wrong = Vec::new();
     let mut claims = 0;
     for page in pages {
         // the column of tests, in a table that has one
         let mut column = None;
-        let text = std::fs::read_to_string(&page).unwrap();
-        for (number, line) in text.lines().enumerate() {
+        for (number, line) in read_text(&page).lines().enumerate() {
             let place = format!("{}:{}", page.file_name().unwrap().display(), number + 1);
             let cells: Vec<&str> = line.split(" | ").collect();
             if line.starts_with("|---") {

@@ -1,15 +1,13 @@
 //! Our own emulated device behind TCP, with interference in between; and `eit emulate`.
 
-use super::{Folder, LIMIT, command, eit, wait_until};
+use super::*;
 use eit_fem::fabric::Random;
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{Device, Eits1Device, Emulator, FaultPlan, Listen};
 use eit_hw::{Quadruple, Unit};
-use serde_json::Value;
 use std::io::{BufRead as _, BufReader};
-use std::process::{Child, ChildStdin, Command, Output, Stdio};
+use std::process::ChildStdin;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 
 /// Information reported by a device with this number of electrodes.
 pub fn information(electrodes: u16, name: &str) -> Information {
@@ -37,31 +35,42 @@ pub fn device(name: &str) -> Box<dyn Device> {
     Box::new(Eits1Device::new(information(8, name), Box::new(source)))
 }
 
-/// A device that is manipulated while it runs.
-pub struct Meddled<F> {
-    pub device: Box<dyn Device>,
-    pub meddle: F,
-}
+/// A device, and what is done to it and to the bytes that it sends.
+struct Meddled<F>(Box<dyn Device>, F);
 
 impl<F: FnMut(Duration, &mut Box<dyn Device>, &mut Vec<u8>) + Send> Device for Meddled<F> {
     fn receive(&mut self, bytes: &[u8], now: Duration, out: &mut Vec<u8>) {
-        self.device.receive(bytes, now, out);
+        self.0.receive(bytes, now, out);
     }
 
     fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
         let mut sent = Vec::new();
-        self.device.poll(now, &mut sent);
-        (self.meddle)(now, &mut self.device, &mut sent);
+        self.0.poll(now, &mut sent);
+        (self.1)(now, &mut self.0, &mut sent);
         out.extend(sent);
     }
 
     fn power_cycle(&mut self) {
-        self.device.power_cycle();
+        self.0.power_cycle();
     }
+}
+
+/// A running [`device`] that is manipulated: by the time, itself, and the bytes that it sends.
+pub fn start_meddled<F>(meddle: F) -> Emulator
+where
+    F: FnMut(Duration, &mut Box<dyn Device>, &mut Vec<u8>) + Send + 'static,
+{
+    start(Box::new(Meddled(device("skin"), meddle)))
 }
 
 pub fn start(device: Box<dyn Device>) -> Emulator {
     Emulator::start(device, &Listen::Tcp("127.0.0.1:0".into()), FaultPlan::default()).unwrap()
+}
+
+/// On Linux a loopback address of this process alone, so that no other program takes its free ports.
+pub fn own_host() -> std::net::Ipv4Addr {
+    let [low, high, ..] = std::process::id().to_le_bytes();
+    if cfg!(target_os = "linux") { [127, high, low, 1].into() } else { [127, 0, 0, 1].into() }
 }
 
 /// A scene for [`device`].
@@ -72,8 +81,8 @@ pub fn scene(folder: &Folder) -> String {
 /// Runs `eit record` on it: the program's output, its answer, and the recording.
 pub fn record(folder: &Folder, emulator: &Emulator, seconds: &str) -> (Output, Value, String) {
     let (scene, out, port) = (scene(folder), folder.path("out.mcap"), emulator.endpoint());
-    let output =
-        eit(format!("record {scene} --port {port} --out {out} --seconds {seconds} --json"));
+    let line = format!("record {scene} --port {port} --out {out} --seconds {seconds}");
+    let output = eit(line + " --json");
     let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output, json, out)
 }
@@ -95,7 +104,7 @@ pub fn emulate(scene: &str, port: &str, more: &str) -> Emulated {
     let mut emulated = Emulated(command.stdout(Stdio::null()).spawn().unwrap());
     wait_until(|| {
         assert!(emulated.0.try_wait().unwrap().is_none(), "eit emulate {scene} {more} has ended");
-        super::exists(port)
+        exists(port)
     });
     emulated
 }
@@ -106,6 +115,16 @@ pub fn scene_at_port(instrument: &str) -> (Folder, String, String) {
     let port = folder.path("skin");
     let scene = folder.scene(&format!("[instrument]\nport = \"{port}\"\n{instrument}\n"));
     (folder, scene, port)
+}
+
+/// Starts `eit` with its output on pipes.
+pub fn spawn(line: impl AsRef<str>) -> Child {
+    command(line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Lines that a child prints until it ends.
+pub fn printed(child: &mut Child) -> impl Iterator<Item = String> + use<> {
+    BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok)
 }
 
 /// Runs cases that mostly wait beside each other.
@@ -120,8 +139,8 @@ pub fn side_by_side<T: Send>(cases: impl IntoIterator<Item = T>, test: impl Fn(T
 
 /// Sends a signal to a child.
 pub fn signal(child: &Child, name: &str) {
-    let status = Command::new("kill").args([name, &child.id().to_string()]).status().unwrap();
-    assert!(status.success());
+    let mut kill = Command::new("kill");
+    assert!(kill.args([name, &child.id().to_string()]).status().unwrap().success());
 }
 
 /// A board that prints a line of whole numbers per frame: converter steps, with noise.
@@ -136,9 +155,22 @@ pub struct Board {
 impl Board {
     pub fn start(rate_hz: f64, frame: Vec<f64>) -> Self {
         let (frame, noise) = (Arc::new(Mutex::new(frame)), Arc::new(Mutex::new(1.0)));
-        let (now, level) = (Arc::clone(&frame), Arc::clone(&noise));
-        let printer = Printer { rate_hz, now, level, sent: 0, random: Random::new(5) };
-        let emulator = start(Box::new(printer));
+        let (shown, level) = (Arc::clone(&frame), Arc::clone(&noise));
+        let (mut sent, mut random) = (0.0, Random::new(5));
+        let emulator = start_meddled(move |now, _, out| {
+            // lines alone
+            out.clear();
+            while sent < now.as_secs_f64() * rate_hz {
+                let (frame, noise) = (shown.lock().unwrap(), *level.lock().unwrap());
+                let mut cell = |value: &f64| match (value + noise * random.normal()).round() {
+                    step if step.is_nan() => "nan".to_owned(),
+                    step => (step as i64).to_string(),
+                };
+                let line: Vec<String> = frame.iter().map(&mut cell).collect();
+                out.extend(format!("{}\r\n", line.join(",")).bytes());
+                sent += 1.0;
+            }
+        });
         Self { frame, noise, port: emulator.endpoint().to_string(), _emulator: emulator }
     }
 
@@ -146,33 +178,6 @@ impl Board {
     pub fn show(&self, frame: Vec<f64>) {
         *self.frame.lock().unwrap() = frame;
     }
-}
-
-struct Printer {
-    rate_hz: f64,
-    now: Arc<Mutex<Vec<f64>>>,
-    level: Arc<Mutex<f64>>,
-    sent: u64,
-    random: Random,
-}
-
-impl Device for Printer {
-    fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
-
-    fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
-        while (self.sent as f64) < now.as_secs_f64() * self.rate_hz {
-            let (frame, noise) = (self.now.lock().unwrap(), *self.level.lock().unwrap());
-            let mut cell = |value: &f64| match (value + noise * self.random.normal()).round() {
-                step if step.is_nan() => "nan".to_owned(),
-                step => (step as i64).to_string(),
-            };
-            let line: Vec<String> = frame.iter().map(&mut cell).collect();
-            out.extend(format!("{}\r\n", line.join(",")).bytes());
-            self.sent += 1;
-        }
-    }
-
-    fn power_cycle(&mut self) {}
 }
 
 /// Runs `eit` as someone who reads each line on stderr at once, and may type; returns stdout, exit code and stderr.

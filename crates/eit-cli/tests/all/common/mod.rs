@@ -4,14 +4,16 @@
 pub mod emulated;
 
 use eit_skin::Skin;
-use ndarray::{Array, Array1, Array2, Dimension};
+use ndarray::{Array, Dimension};
 use ndarray_npy::ReadNpyExt as _;
-use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
-use std::time::{Duration, Instant};
+
+pub use ndarray::{Array1, Array2, Array3, ArrayView1, Axis, Ix1, Ix2, Ix3};
+pub use serde_json::{Value, json};
+pub use std::process::{Child, Command, Output, Stdio};
+pub use std::time::{Duration, Instant};
 
 /// Maximum time that a test waits.
 pub const LIMIT: Duration = Duration::from_secs(240);
@@ -25,8 +27,9 @@ pub fn wait_until(mut happened: impl FnMut() -> bool) {
     }
 }
 
-/// The program with the arguments of a line. A space in a path is written as `\u{a0}`, see [`scene`].
+/// The program with the arguments of a line, which a failed test prints. `\u{a0}` is a space in a path, see [`scene`].
 pub fn command(line: impl AsRef<str>) -> Command {
+    println!("eit {}", line.as_ref());
     let mut command = Command::new(env!("CARGO_BIN_EXE_eit"));
     command.args(line.as_ref().split_ascii_whitespace().map(|word| word.replace('\u{a0}', " ")));
     command
@@ -37,11 +40,13 @@ pub fn eit(line: impl AsRef<str>) -> Output {
     command(line).output().expect("the program starts")
 }
 
-/// Runs `eit` below a shell, after commands of the shell; its arguments have no spaces.
+/// `eit` below a shell, after commands of the shell; its arguments have no spaces.
 #[cfg(unix)]
-pub fn eit_in_shell(before: &str, line: impl AsRef<str>) -> Output {
-    let script = format!("{before}; exec '{}' {}", env!("CARGO_BIN_EXE_eit"), line.as_ref());
-    Command::new("sh").args(["-c", &script]).output().unwrap()
+pub fn in_shell(before: &str, line: impl AsRef<str>) -> Command {
+    let script = format!("{before} exec '{}' {}", env!("CARGO_BIN_EXE_eit"), line.as_ref());
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &script]);
+    shell
 }
 
 /// What a run wrote to stdout and to stderr.
@@ -62,15 +67,20 @@ pub fn stdout(output: &Output) -> String {
 /// Runs `eit` and expects success; returns stdout.
 pub fn succeed(line: impl AsRef<str>) -> String {
     let output = eit(&line);
-    let stderr = stderr(&output);
-    assert!(output.status.success(), "eit {}: {stderr}", line.as_ref());
-    assert_eq!(stderr, "", "nothing of the progress may reach a pipe");
+    assert_eq!(ended(&output, 0), "", "nothing of the progress may reach a pipe");
     stdout(&output)
 }
 
 /// The same with `--json`; returns the answer.
 pub fn answer(line: impl AsRef<str>) -> Value {
     parse(&succeed(format!("{} --json", line.as_ref())))
+}
+
+/// Expects this exit code; returns stderr.
+pub fn ended(output: &Output, code: i32) -> String {
+    let said = stderr(output);
+    assert_eq!(output.status.code(), Some(code), "{}{said}", stdout(output));
+    said
 }
 
 /// Parses an answer.
@@ -82,7 +92,7 @@ pub fn parse(text: &str) -> Value {
 pub fn refuse(line: impl AsRef<str>) -> String {
     let output = eit(&line);
     assert!(output.stdout.is_empty());
-    one_line(&output, 2, line.as_ref())
+    one_line(&output, 2)
 }
 
 /// Expects words in a text, or all that stand between `…`.
@@ -102,8 +112,7 @@ pub fn refuse_each<L: AsRef<str>, W: AsRef<str>>(cases: impl IntoIterator<Item =
 pub fn refuse_plans(cases: impl IntoIterator<Item = (String, &'static str)>) {
     let folder = Folder::new();
     for (scene, words) in cases {
-        let said = refuse(format!("plan {}", folder.write("scene.toml", &scene)));
-        says(&said, words);
+        says(&refuse(format!("plan {}", folder.write("scene.toml", &scene))), words);
     }
 }
 
@@ -116,19 +125,19 @@ pub fn altered(from: &str, to: &str) -> String {
 /// Runs `eit` and expects a failure with exit code 1 and one line; returns the line.
 #[cfg(feature = "train")]
 pub fn fail(line: impl AsRef<str>) -> String {
-    one_line(&eit(&line), 1, line.as_ref())
+    one_line(&eit(&line), 1)
 }
 
-fn one_line(output: &Output, code: i32, line: &str) -> String {
-    let stderr = stderr(output);
-    assert_eq!(output.status.code(), Some(code), "eit {line}: {stderr}");
-    assert_eq!(stderr.trim_end().lines().count(), 1, "one line: {stderr}");
-    stderr
+/// Expects this exit code and one line on stderr; returns the line.
+pub fn one_line(output: &Output, code: i32) -> String {
+    let said = ended(output, code);
+    assert_eq!(said.trim_end().lines().count(), 1, "one line: {said}");
+    said
 }
 
 /// Path of a scene that comes with the project, as a word of a line.
 pub fn scene(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/scenes").join(name);
+    let path = root().join("fixtures/scenes").join(name);
     path.to_str().unwrap().replace(' ', "\u{a0}")
 }
 
@@ -140,6 +149,13 @@ impl Folder {
         let folder = tempfile::tempdir().unwrap();
         assert!(!folder.path().to_str().unwrap().contains(' '), "tests run in {folder:?}");
         Self(folder)
+    }
+
+    /// A folder and a scene file in it: [`SMALL`] and more keys.
+    pub fn with_scene(more: &str) -> (Self, String) {
+        let folder = Self::new();
+        let scene = folder.scene(more);
+        (folder, scene)
     }
 
     /// Path of a file in it.
@@ -178,12 +194,31 @@ impl Folder {
 
     /// Names of all files in it, sorted.
     pub fn names(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(self.0.path()).unwrap();
-        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-        let mut names: Vec<String> = names.collect();
-        names.sort();
-        names
+        names_in(self.0.path())
     }
+}
+
+/// Names of all files in a folder, sorted.
+pub fn names_in(folder: impl AsRef<Path>) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+/// The repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// All files below a folder with this ending.
+pub fn files_below(folder: &Path, ending: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let (folders, mut found): (Vec<_>, Vec<_>) = entries.partition(|path| path.is_dir());
+    found.retain(|path| path.extension().is_some_and(|of_file| of_file == ending));
+    found.extend(folders.iter().flat_map(|folder| files_below(folder, ending)));
+    found
 }
 
 pub fn exists(path: impl AsRef<Path>) -> bool {
@@ -215,9 +250,37 @@ pub fn rows(path: impl AsRef<Path>) -> Vec<BTreeMap<String, String>> {
     lines.map(row).collect()
 }
 
+/// An array as a table, a line for each row.
+pub fn table(values: &Array2<f64>) -> String {
+    let cells = |row: ArrayView1<'_, f64>| row.iter().map(f64::to_string).collect::<Vec<_>>();
+    values.rows().into_iter().map(|row| cells(row).join(",") + "\n").collect()
+}
+
+/// Expects these values in an answer.
+pub fn has(answer: &Value, wanted: Value) {
+    for (name, value) in wanted.as_object().unwrap() {
+        assert_eq!(answer[name], *value, "{name} in {answer}");
+    }
+}
+
 /// Number of this name in an answer.
 pub fn number(json: &Value, name: &str) -> f64 {
     json[name].as_f64().unwrap_or_else(|| panic!("no number {name} in {json}"))
+}
+
+/// Numbers of a list of this name in an answer.
+pub fn numbers(json: &Value, name: &str) -> Vec<f64> {
+    json[name].as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+}
+
+/// Texts of this name in each object of a list.
+pub fn texts<'a>(list: &'a Value, name: &str) -> Vec<&'a str> {
+    list.as_array().unwrap().iter().map(|object| object[name].as_str().unwrap()).collect()
+}
+
+/// Distance of two places in a plane.
+pub fn distance_m([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
+    (a - c).hypot(b - d)
 }
 
 /// Largest magnitude of numbers, but for those that are none.
