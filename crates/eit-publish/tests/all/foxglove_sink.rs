@@ -1,6 +1,6 @@
 //! A skin for Foxglove, as a client of its WebSocket protocol and a reader of its recordings get it.
 
-use crate::common::{FAULTS, frame, shape, start, touch};
+use crate::common::{FAULTS, LIMIT, frame, shape, start, touch};
 use eit_publish::{FoxgloveSettings, FoxgloveSink, PublishError, Publisher};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::ndarray::array;
@@ -12,8 +12,6 @@ use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
-
-const LIMIT: Duration = Duration::from_secs(20);
 
 pub(crate) fn decoded<T: Decode>(bytes: &[u8]) -> T {
     T::decode(bytes).unwrap_or_else(|_| panic!("a message"))
@@ -37,12 +35,9 @@ fn recorded(path: &std::path::Path) -> BTreeMap<(String, String), Vec<Vec<u8>>> 
 fn a_recording_holds_scene_image_and_log() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("skin.mcap");
-    let settings = FoxgloveSettings {
-        server: None,
-        recording: Some(path.clone()),
-        topic: "/arm/".into(),
-        frame_id: "left_arm".into(),
-    };
+    let (topic, frame_id) = ("/arm/".into(), "left_arm".into());
+    let settings =
+        FoxgloveSettings { server: None, recording: Some(path.clone()), topic, frame_id };
     let sink = FoxgloveSink::new(&settings).unwrap();
     assert_eq!(sink.address(), None);
     let mut publisher = Publisher::new().with_foxglove(sink);
@@ -96,12 +91,12 @@ fn a_recording_holds_scene_image_and_log() {
     assert_eq!((grid.column_count, grid.row_stride, grid.cell_stride), (2, 16, 8));
     let size = grid.cell_size.as_ref().unwrap();
     assert_eq!((size.x, size.y), (0.1, 0.05));
-    let value =
-        |cell: usize| f32::from_le_bytes(grid.data[8 * cell..8 * cell + 4].try_into().unwrap());
+    let bytes = |cell: usize, from: usize| &grid.data[8 * cell + from..8 * cell + from + 4];
+    let value = |cell| f32::from_le_bytes(bytes(cell, 0).try_into().unwrap());
     // the first row of a grid is the lowest
     assert_eq!((value(0), value(1), value(2)), (-2e-6, 0.0, 1e-6));
     assert!(value(3).is_nan());
-    let colour = |cell: usize| &grid.data[8 * cell + 4..8 * cell + 8];
+    let colour = |cell| bytes(cell, 4);
     assert_eq!((colour(0), colour(1)), (&[0, 0, 255, 255][..], &[255, 255, 255, 255][..]));
     assert_eq!((colour(2)[0], colour(2)[3], colour(3)), (255, 255, &[0; 4][..]));
 
@@ -192,8 +187,7 @@ impl Client {
 
 #[test]
 fn a_client_sees_the_skin_live() {
-    let settings =
-        FoxgloveSettings { server: Some("127.0.0.1:0".into()), ..FoxgloveSettings::default() };
+    let settings = FoxgloveSettings { server: Some("127.0.0.1:0".into()), ..Default::default() };
     let sink = FoxgloveSink::new(&settings).unwrap();
     let address = sink.address().unwrap();
     assert!(address.ip().is_loopback() && address.port() != 0);
@@ -245,8 +239,7 @@ fn addresses_that_are_none_or_taken_are_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let taken = taken.local_addr().unwrap().to_string();
     for address in ["8765", "", "a b:1", &taken] {
-        let settings =
-            FoxgloveSettings { server: Some(address.into()), ..FoxgloveSettings::default() };
+        let settings = FoxgloveSettings { server: Some(address.into()), ..Default::default() };
         let error = FoxgloveSink::new(&settings).unwrap_err();
         assert!(error.is_input() && error.to_string().starts_with(address), "{error}");
     }

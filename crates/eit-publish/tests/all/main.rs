@@ -1,5 +1,4 @@
-//! Tests of the crate, in one program: linking one is faster than linking 6. Those of one file:
-//! `cargo test --release -p eit-publish --test all FILE::`.
+//! Tests of the crate, in one program; those of one file: `cargo test --release -p eit-publish --test all FILE::`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 

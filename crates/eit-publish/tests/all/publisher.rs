@@ -12,25 +12,43 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Memory that a publisher writes to and a test reads; counts flushes.
+/// Memory that a publisher writes to and a test reads; counts flushes, and takes nothing while it is shut.
 #[derive(Clone, Default)]
-struct Shared(Arc<Mutex<(Vec<u8>, usize)>>);
+struct Shared {
+    written: Arc<Mutex<(Vec<u8>, usize)>>,
+    is_shut: Arc<AtomicBool>,
+}
 
 impl Write for Shared {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().0.extend_from_slice(bytes);
+        while self.is_shut.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.written.lock().unwrap().0.extend_from_slice(bytes);
         Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.lock().unwrap().1 += 1;
+        self.written.lock().unwrap().1 += 1;
         Ok(())
     }
 }
 
 impl Shared {
+    fn shut() -> Self {
+        Self { is_shut: Arc::new(true.into()), ..Self::default() }
+    }
+
+    fn open(&self) {
+        self.is_shut.store(false, Ordering::Relaxed);
+    }
+
+    fn flushes(&self) -> usize {
+        self.written.lock().unwrap().1
+    }
+
     fn lines(&self) -> Vec<Value> {
-        let text = String::from_utf8(self.0.lock().unwrap().0.clone()).unwrap();
+        let text = String::from_utf8(self.written.lock().unwrap().0.clone()).unwrap();
         assert!(text.ends_with('\n'));
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
@@ -44,11 +62,12 @@ fn frame<'a>(touches: &'a [Touch], faults: &'a [ElectrodeFault]) -> TouchFrame<'
 fn lines(speak: impl FnOnce(&mut Publisher)) -> Vec<Value> {
     let out = Shared::default();
     speak(&mut Publisher::new().with_lines(out.clone()).unwrap());
+    assert!(out.written.lock().unwrap().0.is_ascii(), "nothing that moves a cursor");
     let (lines, schema) = (out.lines(), schema());
     for line in &lines {
         assert!(schema.is_valid(line), "{line}: {:?}", schema.validate(line).err());
     }
-    assert_eq!(out.0.lock().unwrap().1, lines.len(), "a flush for each line");
+    assert_eq!(out.flushes(), lines.len(), "a flush for each line");
     lines
 }
 
@@ -131,14 +150,10 @@ fn learnt_touches_have_their_force_and_its_deviation() {
 /// direction of text are escaped, and read as they were.
 #[test]
 fn what_moves_a_cursor_is_escaped() {
-    let out = Shared::default();
-    let mut publisher = Publisher::new().with_lines(out.clone()).unwrap();
     let hostile = "sk\u{1b}[31m \u{9b}2J \u{85} \u{202e}x\u{2066}";
-    publisher.start(&Start { skin: hostile, instrument: hostile, ..start() }).unwrap();
-    drop(publisher);
-    assert!(out.0.lock().unwrap().0.trim_ascii_end().is_ascii());
-    let line = &out.lines()[0];
-    assert_eq!((&line["skin"], &line["instrument"]), (&json!(hostile), &json!(hostile)));
+    let start = Start { skin: hostile, instrument: hostile, ..start() };
+    let line = &lines(|publisher| publisher.start(&start).unwrap())[0];
+    assert_eq!([&line["skin"], &line["instrument"]], [hostile; 2]);
 }
 
 /// A schema that takes anything proves nothing.
@@ -182,21 +197,9 @@ fn a_replay_stamps_no_event() {
     assert!(lines.iter().all(|line| line["host_time_s"].is_null()));
 }
 
-struct Failing(io::ErrorKind);
-
-impl Write for Failing {
-    fn write(&mut self, _: &[u8]) -> io::Result<usize> {
-        Err(self.0.into())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 #[test]
 fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
-    let closed = || Publisher::new().with_lines(Failing(io::ErrorKind::BrokenPipe)).unwrap();
+    let closed = || Publisher::new().with_lines(io::pipe().unwrap().1).unwrap();
     let mut publisher = closed();
     assert!(!publisher.is_closed());
     wait_for("it is not closed", || {
@@ -211,31 +214,11 @@ fn a_closed_pipe_is_an_end_and_a_full_disk_an_error() {
         std::thread::sleep(Duration::from_millis(1));
     });
     assert!(!publisher.is_closed());
-    let mut publisher = Publisher::new().with_lines(Failing(io::ErrorKind::StorageFull)).unwrap();
+    let mut publisher = Publisher::new().with_lines(io::Cursor::new([0; 8])).unwrap();
     wait_for("no error", || {
         let said = publisher.touches(&frame(&[], &[]));
         said.is_err_and(|error| matches!(error, PublishError::Write(_)) && !error.is_input())
     });
-}
-
-/// A writer that takes nothing until it is opened.
-#[derive(Clone, Default)]
-struct Gate {
-    is_open: Arc<AtomicBool>,
-    out: Shared,
-}
-
-impl Write for Gate {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        while !self.is_open.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        self.out.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.out.flush()
-    }
 }
 
 /// A reader that takes nothing costs live frames, which are counted in their place, and nobody time. One of a recording gets
@@ -250,7 +233,7 @@ fn a_slow_reader_delays_nobody() {
         told.filter_map(|line| line[key].as_u64()).collect()
     };
     for is_latest in [false, true] {
-        let gate = Gate::default();
+        let gate = Shared::shut();
         let (receiver, sink) = datagrams();
         let publisher = Publisher::new().with_udp(sink);
         let mut publisher = match is_latest {
@@ -266,9 +249,9 @@ fn a_slow_reader_delays_nobody() {
             // each is there before the next one
             assert_eq!(received(&receiver)["sequence"], sequence);
         }
-        gate.is_open.store(true, Ordering::Relaxed);
+        gate.open();
         publisher.end().unwrap();
-        let lines = gate.out.lines();
+        let lines = gate.lines();
         let (written, told) = (numbers(&lines, false), numbers(&lines, true));
         let dropped = publisher.line_statistics().unwrap().dropped_frames;
         assert_eq!(written.len() as u64 + dropped, FRAMES);
@@ -287,20 +270,20 @@ fn a_slow_reader_delays_nobody() {
             }
         }
     }
-    let gate = Gate::default();
+    let gate = Shared::shut();
     let mut publisher = Publisher::new().with_lines(gate.clone()).unwrap();
     publisher.start(&Start { is_live: false, ..start() }).unwrap();
-    let opener = gate.is_open.clone();
-    let opening = std::thread::spawn(move || {
-        std::thread::sleep(Duration::from_millis(200));
-        opener.store(true, Ordering::Relaxed);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_millis(200));
+            gate.open();
+        });
+        for sequence in 0..FRAMES {
+            publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
+        }
     });
-    for sequence in 0..FRAMES {
-        publisher.touches(&TouchFrame { sequence, ..frame(&[], &[]) }).unwrap();
-    }
     publisher.end().unwrap();
-    opening.join().unwrap();
-    assert!(numbers(&gate.out.lines(), false).into_iter().eq(0..FRAMES));
+    assert!(numbers(&gate.lines(), false).into_iter().eq(0..FRAMES));
 }
 
 #[test]
@@ -340,13 +323,13 @@ fn addresses_that_are_none_are_named() {
 #[test]
 fn nothing_is_allocated_for_a_frame() {
     let (_receiver, sink) = datagrams();
-    let gate = Gate::default();
+    let gate = Shared::shut();
     let mut publisher = Publisher::new().with_lines(gate.clone()).unwrap().with_udp(sink);
     let touches = [touch(); 5];
     // as many lines as may wait below
     (0..110).for_each(|_| publisher.touches(&frame(&touches, &FAULTS)).unwrap());
-    gate.is_open.store(true, Ordering::Relaxed);
-    wait_for("nothing is written", || gate.out.0.lock().unwrap().1 == 110);
+    gate.open();
+    wait_for("nothing is written", || gate.flushes() == 110);
     let counted = allocation_counter::measure(|| {
         for count in [0, 1, 5, 3].into_iter().cycle().take(100) {
             publisher.touches(&frame(&touches[..count], &FAULTS)).unwrap();

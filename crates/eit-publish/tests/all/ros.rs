@@ -90,23 +90,14 @@ fn every_message_has_the_bytes_of_another_encoder() {
     check("touches", &touched());
     check("untouched", &untouched());
     let data = [1.5e-6_f32, -2e-6].iter().flat_map(|value| value.to_le_bytes()).collect();
-    let image = Image {
-        header: arm(),
-        height: 2,
-        width: 1,
-        encoding: "32FC1".into(),
-        is_bigendian: 0,
-        step: 4,
-        data,
-    };
+    let encoding = "32FC1".into();
+    let image =
+        Image { header: arm(), height: 2, width: 1, encoding, is_bigendian: 0, step: 4, data };
     check("image", &image);
-    let status = DiagnosticStatus {
-        level: 1,
-        name: "skin/arm: EIT skin arm".into(),
-        message: "faulty electrodes: 5".into(),
-        hardware_id: "board 7".into(),
-        values: vec![KeyValue { key: "frames_per_second".into(), value: "100.0".into() }],
-    };
+    let [name, message] = ["skin/arm: EIT skin arm", "faulty electrodes: 5"].map(String::from);
+    let values = vec![KeyValue { key: "frames_per_second".into(), value: "100.0".into() }];
+    let hardware_id = "board 7".into();
+    let status = DiagnosticStatus { level: 1, name, message, hardware_id, values };
     let header_of = header(1_700_000_000, 0, "");
     check("diagnostics", &DiagnosticArray { header: header_of, status: vec![status] });
     let orientation = Quaternion { x: 0.0, y: 0.0, z: 1.0, w: 0.0 };
@@ -114,18 +105,11 @@ fn every_message_has_the_bytes_of_another_encoder() {
     check("pose", &PoseStamped { header: header(1, 2, "base_link"), pose });
     let patch =
         PatchState { name: "arm".into(), silent: false, state: 1, age: 0.05, received: 9, lost: 2 };
-    let joined = BodyTouch {
-        patch: "arm".into(),
-        epoch: 1,
-        stamp: arm().stamp,
-        touch: touch(7, touch_state::HOLD, 1.5),
-    };
-    let body = BodyTouchArray {
-        header: header(1_700_000_001, 0, "base_link"),
-        patches: vec![patch],
-        touches: vec![joined],
-    };
-    check("body", &body);
+    let touch = touch(7, touch_state::HOLD, 1.5);
+    let joined = BodyTouch { patch: "arm".into(), epoch: 1, stamp: arm().stamp, touch };
+    let (patches, touches) = (vec![patch], vec![joined]);
+    let header_of = header(1_700_000_001, 0, "base_link");
+    check("body", &BodyTouchArray { header: header_of, patches, touches });
     let color = [0.5, 0.25, 0.125, 1.0];
     let marker = Marker {
         header: arm(),
@@ -143,22 +127,14 @@ fn every_message_has_the_bytes_of_another_encoder() {
         ..Marker::default()
     };
     check("markers", &MarkerArray { markers: vec![marker] });
-    let transform = TransformStamped {
-        header: header(1_700_000_000, 250_000_000, "base_link"),
-        child_frame_id: "arm".into(),
-        translation: [0.1, 0.2, 0.3].into(),
-        rotation: orientation,
-    };
+    let header = header(1_700_000_000, 250_000_000, "base_link");
+    let (child_frame_id, translation) = ("arm".into(), [0.1, 0.2, 0.3].into());
+    let transform = TransformStamped { header, child_frame_id, translation, rotation: orientation };
     check("transforms", &TfMessage { transforms: vec![transform] });
-    let map = OccupancyGrid {
-        header: arm(),
-        map_load_time: arm().stamp,
-        resolution: 0.25,
-        width: 2,
-        height: 1,
-        origin: pose,
-        data: vec![-1, 100],
-    };
+    let (header, map_load_time, data) = (arm(), arm().stamp, vec![-1, 100]);
+    let (resolution, origin) = (0.25, pose);
+    let map =
+        OccupancyGrid { header, map_load_time, resolution, width: 2, height: 1, origin, data };
     check("map", &map);
 }
 
@@ -199,8 +175,8 @@ fn type_hashes_are_those_of_ros() {
 #[test]
 fn keys_and_attachments_are_those_of_rmw_zenoh() {
     let session = "8b20917502ee955ac4476e0266340d5c";
-    let chatter =
-        Endpoint::new(2, session, "talker", 10, "/chatter", "std_msgs/msg/String").unwrap();
+    let string = "std_msgs/msg/String";
+    let chatter = Endpoint::new(2, session, "talker", 10, "/chatter", string).unwrap();
     let hash = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18";
     // published there, apart from the reference
     assert_eq!(type_hash("std_msgs/msg/String").as_deref(), Some(hash));
@@ -226,9 +202,7 @@ fn keys_and_attachments_are_those_of_rmw_zenoh() {
     let wanted = bytes(&reference["attachment"]);
     assert_eq!(attachment.to_bytes().to_vec(), wanted);
     assert_eq!(Attachment::from_bytes(&wanted), Some(attachment));
-    for length in 0..wanted.len() {
-        assert_eq!(Attachment::from_bytes(&wanted[..length]), None);
-    }
+    assert!((0..wanted.len()).all(|length| Attachment::from_bytes(&wanted[..length]).is_none()));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The live page as a browser gets it.
 
-use crate::common::{datagrams, received, schema, shape, wait_for};
+use crate::common::{LIMIT, datagrams, received, schema, shape, wait_for};
 use eit_publish::{Publisher, Recording, SkinImage, WebServer};
 use eit_skin::ndarray::array;
 use eit_skin::{SkinState, TouchFrame};
@@ -8,8 +8,6 @@ use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
-
-const LIMIT: Duration = Duration::from_secs(20);
 
 /// A server on the loopback interface, and its address.
 fn server() -> (WebServer, String) {
@@ -21,6 +19,11 @@ fn server() -> (WebServer, String) {
 fn address(server: &WebServer) -> String {
     let url = server.url();
     url.trim_start_matches("http://").split('/').next().unwrap().to_owned()
+}
+
+/// What a page has to know.
+fn token(server: &WebServer) -> String {
+    server.url().split_once("?token=").unwrap().1.to_owned()
 }
 
 fn ask(address: &str, request: &str) -> TcpStream {
@@ -90,16 +93,14 @@ fn the_page_needs_nothing_else_and_refuses_strangers() {
 #[test]
 fn beyond_loopback_a_token_is_asked_for() {
     let server = WebServer::new("0.0.0.0:0").unwrap();
-    let url = server.url();
-    let token = url.split_once("?token=").unwrap().1;
+    let token = token(&server);
     assert_eq!(token.len(), 32);
-    let other = WebServer::new("0.0.0.0:0").unwrap().url();
-    assert_ne!(other.split_once("?token=").unwrap().1, token);
+    assert_ne!(self::token(&WebServer::new("0.0.0.0:0").unwrap()), token);
     // an address that a phone can open, unless this computer has no network
     let local = address(&server).replace("0.0.0.0", "127.0.0.1");
-    answer(&local, &get("/", "robot"), 403);
-    answer(&local, &get("/events", "robot"), 403);
-    answer(&local, &get(&format!("/?token={token}"), "robot"), 200);
+    for (path, status) in [("/", 403), ("/events", 403), (&format!("/?token={token}"), 200)] {
+        answer(&local, &get(path, "robot"), status);
+    }
 }
 
 #[test]
@@ -139,19 +140,14 @@ fn a_page_hears_of_the_skin_its_frames_and_images() {
     assert_eq!(next["event"], "reference_started");
     assert!(publisher.wants_image());
     publisher.image(array![[f64::NAN, 2e-6], [-1e-6, 0.0]].view()).unwrap();
-    let image = event(&mut page);
     let wanted = json!({
         "type": "image", "rows": 2, "columns": 2, "range_s": 2e-6, "pixels": "AP9AgA==",
         "raw": null, "faintest_s": 0.0, "gap": null,
     });
-    assert_eq!(image, wanted);
+    assert_eq!(event(&mut page), wanted);
     let (change, before) = (array![[1e-6, 0.0]], array![[-4e-6, f64::NAN]]);
-    let both = SkinImage {
-        change_s: change.view(),
-        before_net_s: Some(before.view()),
-        faintest_s: 3e-7,
-        gap: Some(0.02),
-    };
+    let (before_net_s, gap) = (Some(before.view()), Some(0.02));
+    let both = SkinImage { before_net_s, gap, faintest_s: 3e-7, ..change.view().into() };
     publisher.image(both).unwrap();
     let image = event(&mut page);
     assert_eq!(image["raw"], json!({ "range_s": 4e-6, "pixels": "AQA=" }));
@@ -180,25 +176,22 @@ fn what_is_known_of_the_skin_is_said_in_every_output() {
     }
     publisher.end().unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
-    for (line, state) in text.lines().zip(states) {
-        let line: Value = serde_json::from_str(line).unwrap();
+    let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    for (line, state) in lines.iter().zip(states) {
         assert_eq!(line["state"], state.name());
         assert_eq!(line["explained"], state == SkinState::Sound);
         assert_eq!(line["frozen"], state == SkinState::Frozen);
-        assert_eq!(received(&receiver), line);
-        assert_eq!(event(&mut page), line);
+        assert_eq!((&received(&receiver), &event(&mut page)), (line, line));
     }
-    assert_eq!(text.lines().count(), 5, "{text}");
-    let ended: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    assert_eq!((&ended["event"], &ended["frames"]), (&json!("ended"), &json!(3)));
+    assert_eq!(lines.len(), 5, "{text}");
+    assert_eq!((&lines[4]["event"], &lines[4]["frames"]), (&json!("ended"), &json!(3)));
 }
 
 /// The page records for whoever knows the token, also on this computer: a foreign page could send the request, too.
 #[test]
 fn recordings_are_asked_for_with_the_token_only() {
     let server = WebServer::with_recording("127.0.0.1:0").unwrap();
-    let (address, url) = (address(&server), server.url());
-    let token = url.split_once("?token=").unwrap().1.to_owned();
+    let (address, token) = (address(&server), token(&server));
     let publisher = Publisher::new().with_web(server);
     publisher.recording(Recording::Off { file: None }).unwrap();
     let post = |path: &str, host: &str| {
@@ -223,9 +216,8 @@ fn recordings_are_asked_for_with_the_token_only() {
     publisher.recording(Recording::On { file: "skin.mcap", can_stop: true }).unwrap();
     // a page that opens now hears the state
     let mut page = events(&address);
-    let wanted =
-        json!({ "type": "recording", "state": "on", "file": "skin.mcap", "can_stop": true });
-    assert_eq!(event(&mut page), wanted);
+    let on = json!({ "type": "recording", "state": "on", "file": "skin.mcap", "can_stop": true });
+    assert_eq!(event(&mut page), on);
     publisher.recording(Recording::Failed { error: "disk full" }).unwrap();
     assert_eq!(event(&mut page)["error"], "disk full");
 
@@ -275,13 +267,10 @@ fn slow_browsers_miss_lines_and_too_many_are_refused() {
 #[test]
 fn who_asks_slowly_or_too_often_is_closed() {
     let (_server, address) = server();
-    let mut slow: Vec<TcpStream> =
-        (0..64).map(|_| ask(&address, "GET /events HTTP/1.1\r\n")).collect();
+    let mut slow: Vec<_> = (0..64).map(|_| ask(&address, "GET /events HTTP/1.1\r\n")).collect();
     let start = Instant::now();
     // the sixty-fifth is closed unheard
-    let mut one_more = TcpStream::connect(&address).unwrap();
-    one_more.set_read_timeout(Some(LIMIT)).unwrap();
-    let ended = one_more.read(&mut [0]).map_or(true, |bytes| bytes == 0);
+    let ended = ask(&address, "").read(&mut [0]).map_or(true, |bytes| bytes == 0);
     assert!(ended && start.elapsed() < Duration::from_secs(4), "{:?}", start.elapsed());
     let slowest = slow.last_mut().unwrap();
     slowest.set_read_timeout(Some(Duration::from_millis(500))).unwrap();

@@ -1,6 +1,6 @@
 //! A skin by zenoh on the loopback interface, as a subscriber gets it.
 
-use crate::common::{FAULTS, endpoint, frame, shape, start, touch, wait_for};
+use crate::common::{FAULTS, LIMIT, endpoint, frame, shape, start, touch, wait_for};
 use eit_publish::ros::{
     Attachment, DiagnosticArray, ElectrodeFaultMessage, Image, MarkerArray, OccupancyGrid,
     PoseStamped, TouchArray, from_cdr, skin_state, touch_state, type_hash,
@@ -16,8 +16,6 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use zenoh::Wait as _;
 use zenoh::sample::{Sample, SampleKind};
-
-const LIMIT: Duration = Duration::from_secs(20);
 
 /// What a program hears below a key.
 struct Listener {
@@ -60,8 +58,7 @@ fn publisher(address: &str, change: impl FnOnce(&mut ZenohSettings)) -> Publishe
 /// A session that listens, and a skin that connects to it.
 fn connected(change: impl FnOnce(&mut ZenohSettings)) -> (zenoh::Session, Publisher) {
     let address = endpoint();
-    let session = settings(&[], &[&address]).open().unwrap();
-    (session, publisher(&address, change))
+    (settings(&[], &[&address]).open().unwrap(), publisher(&address, change))
 }
 
 fn message<M: DeserializeOwned>(sample: &Sample) -> M {
@@ -200,9 +197,8 @@ fn diagnostics_name_faults_and_silence() {
     };
     let mut speak = || publisher.touches(&frame(1, &[], &FAULTS)).unwrap();
     let faulty = status(1, "faulty", &mut speak);
-    assert_eq!(faulty.message, "faulty electrodes: 5");
-    assert_eq!(faulty.name, "skin/arm: EIT skin arm");
-    assert_eq!(faulty.hardware_id, "a \"board\"\nof 16");
+    let said = [&*faulty.message, &faulty.name, &faulty.hardware_id];
+    assert_eq!(said, ["faulty electrodes: 5", "skin/arm: EIT skin arm", "a \"board\"\nof 16"]);
     // then no frame for more than a second
     publisher.event(&Event::Disconnected { reason: "unplugged".into() }).unwrap();
     let silent = status(3, "unplugged", &mut || ()).message;
@@ -241,12 +237,10 @@ fn only_changes_and_heartbeats_are_published() {
 fn a_router_forwards_messages_and_tokens() {
     let address = endpoint();
     let mut config = zenoh::Config::default();
-    for (place, value) in [
-        ("mode", "\"router\"".to_owned()),
-        ("listen/endpoints", format!("[\"{address}\"]")),
-        ("scouting/multicast/enabled", "false".to_owned()),
-    ] {
-        config.insert_json5(place, &value).unwrap();
+    let listen = format!("[\"{address}\"]");
+    let keys = ["mode", "listen/endpoints", "scouting/multicast/enabled"];
+    for (key, value) in keys.into_iter().zip(["\"router\"", &listen, "false"]) {
+        config.insert_json5(key, value).unwrap();
     }
     let router = zenoh::open(config).wait().unwrap();
     let session = settings(&[&address], &[]).open().unwrap();
@@ -264,13 +258,18 @@ fn a_router_forwards_messages_and_tokens() {
     let token = || tokens.recv_timeout(LIMIT).expect("a token");
     let mut announced: Vec<(SampleKind, String)> = (0..6).map(|_| token()).collect();
     announced.sort_by_key(|(_, token)| token.split('/').nth(4).unwrap().parse::<u32>().unwrap());
-    let topics = ["skin%arm%touches", "skin%arm%markers", "skin%arm%image", "skin%arm%map"];
-    let topics = topics.iter().chain(&["diagnostics"]).map(|topic| ("MP", format!("%{topic}")));
-    let wanted = std::iter::once(("NN", String::new())).chain(topics);
+    let wanted = [
+        ("NN", ""),
+        ("MP", "%skin%arm%touches"),
+        ("MP", "%skin%arm%markers"),
+        ("MP", "%skin%arm%image"),
+        ("MP", "%skin%arm%map"),
+        ("MP", "%diagnostics"),
+    ];
     for ((kind, token), (entity, topic)) in announced.iter().zip(wanted) {
         let parts: Vec<&str> = token.split('/').collect();
-        assert_eq!((*kind, parts[5]), (SampleKind::Put, entity), "{token}");
-        assert_eq!(*parts.get(9).unwrap_or(&""), topic, "{token}");
+        let found = (*kind, parts[5], *parts.get(9).unwrap_or(&""));
+        assert_eq!(found, (SampleKind::Put, entity, topic), "{token}");
         assert!(token.contains("/%/%/eit_skin_arm"), "{token}");
     }
     // both hear of another program that publishes the same, and of its end

@@ -3,6 +3,10 @@
 use eit_publish::{SCHEMA, Start, UdpSink};
 use eit_skin::faults::{ElectrodeFault, FaultKind};
 use eit_skin::{Touch, TouchFrame, TouchState};
+use std::time::{Duration, Instant};
+
+/// Maximum time that a test waits.
+pub const LIMIT: Duration = Duration::from_secs(20);
 
 /// A touch at (30, -10) mm.
 pub fn touch() -> Touch {
@@ -33,13 +37,13 @@ pub const FAULTS: [ElectrodeFault; 1] =
 
 /// A frame with these touches.
 pub fn frame<'a>(
-    sequence: u64,
+    number: u64,
     touches: &'a [Touch],
     faults: &'a [ElectrodeFault],
 ) -> TouchFrame<'a> {
     TouchFrame {
-        number: sequence,
-        sequence,
+        number,
+        sequence: number,
         epoch: 1,
         time_s: 2.0,
         host_time_s: Some(1.7e9 + 0.25),
@@ -65,13 +69,8 @@ pub fn shape() -> eit_publish::SkinShape {
 
 /// A skin that is live.
 pub fn start() -> Start<'static> {
-    Start {
-        skin: "arm",
-        instrument: "a \"board\"\nof 16",
-        electrodes: 16,
-        reference_frames: 40,
-        is_live: true,
-    }
+    let instrument = "a \"board\"\nof 16";
+    Start { skin: "arm", instrument, electrodes: 16, reference_frames: 40, is_live: true }
 }
 
 /// A zenoh endpoint of this computer at a free port. On Linux each has a loopback address of its own, so that nobody
@@ -89,17 +88,17 @@ pub fn endpoint() -> String {
 
 /// Waits for a condition, with a limit.
 pub fn wait_for(what: &str, mut is_so: impl FnMut() -> bool) {
-    let start = std::time::Instant::now();
+    let start = Instant::now();
     while !is_so() {
-        assert!(start.elapsed().as_secs() < 20, "{what}");
-        std::thread::sleep(std::time::Duration::from_millis(1));
+        assert!(start.elapsed() < LIMIT, "{what}");
+        std::thread::sleep(Duration::from_millis(1));
     }
 }
 
 /// A receiver of datagrams, and a sink that sends them.
 pub fn datagrams() -> (std::net::UdpSocket, UdpSink) {
     let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+    receiver.set_read_timeout(Some(LIMIT)).unwrap();
     let sink = UdpSink::new(&receiver.local_addr().unwrap().to_string()).unwrap();
     (receiver, sink)
 }
