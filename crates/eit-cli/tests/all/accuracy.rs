@@ -69,8 +69,7 @@ fn the_mesh_is_chosen_below_the_noise() {
 /// For the mesh of a file, only the kind of elements can be chosen.
 #[test]
 fn elements_are_chosen_on_the_mesh_of_a_file() {
-    let folder = Folder::new();
-    let [mesh, out, voltages] = folder.paths(["skin.msh", "m.vtu", "v.npy"]);
+    let (folder, [mesh, out, voltages]) = Folder::with_paths(["skin.msh", "m.vtu", "v.npy"]);
     succeed(format!("mesh {} --out {mesh}", folder.scene("")));
     let of_file = |lines: &str| {
         let content = SMALL

@@ -225,8 +225,7 @@ fn a_file_is_no_folder() {
 /// (`accuracy.rs`), quadratic ones fail and say so; a few decades closer, the voltages come with a warning.
 #[test]
 fn voltages_without_a_certain_digit_are_refused() {
-    let folder = Folder::new();
-    let out = folder.path("v.csv");
+    let (folder, [out]) = Folder::with_paths(["v.csv"]);
     let forward = |impedance: &str, elements: &str| {
         let scene = altered("ohm_m = 1e3", &format!("ohm_m = {impedance}"));
         let scene = folder.write("scene.toml", format!("{scene}elements = \"{elements}\"\n"));

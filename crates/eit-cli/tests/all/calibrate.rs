@@ -85,8 +85,7 @@ fn magnitudes_calibrate_like_voltages() {
 /// The option is advised only where it adds measurements.
 #[test]
 fn driven_electrodes_are_advised_where_they_help() {
-    let folder = Folder::new();
-    let frame = folder.path("v.csv");
+    let (folder, [frame]) = Folder::with_paths(["v.csv"]);
     let option = "--use-driven-electrodes";
     for (driven, more, is_advised) in
         [("drop", "", false), ("keep", "", true), ("keep", option, false)]

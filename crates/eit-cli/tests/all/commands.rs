@@ -54,8 +54,7 @@ fn mesh_file_forward_and_jacobian_agree() {
 /// Bit for bit, every time; also from a transposed table, with the key that the rejection names.
 #[test]
 fn the_same_frames_give_the_same_images() {
-    let folder = Folder::new();
-    let [frames, out] = folder.paths(["frames.npy", "out"]);
+    let (folder, [frames, out]) = Folder::with_paths(["frames.npy", "out"]);
     let script = "--script two-fingers --frames 30 --nodes 2500";
     succeed(format!("simulate paper-disc {script} --out {frames}"));
     let turned: Array2<f64> = read_array(&frames);

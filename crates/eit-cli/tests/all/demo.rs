@@ -21,8 +21,7 @@ fn shown(page: &str) -> Vec<&str> {
 /// Every result exists, and the page needs no other files.
 #[test]
 fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
-    let folder = Folder::new();
-    let out = folder.path("demo");
+    let (folder, [out]) = Folder::with_paths(["demo"]);
     let answer = answer(format!("demo --quick --out {out}"));
     for experiment in answer["experiments"].as_array().unwrap() {
         let judged = &experiment["judged"];
@@ -66,8 +65,7 @@ fn the_demo_finds_the_fingers_and_replays_to_the_bit() {
 /// The first frames of the paper's experiments: pictures with their seeds, errors halved, fingers and pressures found.
 #[test]
 fn the_paper_as_it_is_printed() {
-    let folder = Folder::new();
-    let out = folder.path("paper");
+    let (folder, [out]) = Folder::with_paths(["paper"]);
     let answer = answer(format!("demo --paper --quick --out {out}"));
     for (k, experiment) in answer["experiments"].as_array().unwrap().iter().enumerate() {
         assert_eq!(["frame_rate_hz", "frames"].map(|key| number(experiment, key)), [1.0, 45.0]);
@@ -96,8 +94,7 @@ fn the_paper_as_it_is_printed() {
 /// complete, listed, and accepted by the next one.
 #[test]
 fn a_folder_is_kept_through_ctrl_c_and_tcp_stands_in() {
-    let folder = Folder::new();
-    let out = folder.path("thesis");
+    let (folder, [out]) = Folder::with_paths(["thesis"]);
     let names = ["a.txt", "b.txt", "c.txt", "d.txt", "scene.toml"];
     std::fs::create_dir(&out).unwrap();
     names.iter().for_each(|name| _ = folder.write(&format!("thesis/{name}"), "mine"));

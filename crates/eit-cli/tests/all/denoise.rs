@@ -262,8 +262,7 @@ fn a_base_of_the_papers_rule() {
 /// `crates/eit-denoise/weights/README.md`); the bound leaves room for other meshes.
 #[test]
 fn the_shipped_weights_serve_the_paper_disc() {
-    let folder = Folder::new();
-    let [touched, raw, out] = folder.paths(["touched", "raw", "out"]);
+    let (folder, [touched, raw, out]) = Folder::with_paths(["touched", "raw", "out"]);
     succeed(format!("simulate paper-disc --out {touched} --frames 40 --nodes 3000 --seed 77"));
     succeed(format!("reconstruct {touched}/scene.toml --method gauss-newton --out {raw}"));
     let files = format!("--images {raw}/images.npy --truth {touched}/truth_conductivity.npy");

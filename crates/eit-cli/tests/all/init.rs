@@ -193,8 +193,7 @@ fn uneven_electrodes_are_noticed() {
 /// Invalid settings are rejected before anything is opened or written.
 #[test]
 fn wrong_arguments_are_reported_by_name() {
-    let folder = Folder::new();
-    let file = folder.path("my.toml");
+    let (_folder, [file]) = Folder::with_paths(["my.toml"]);
     let cases = [
         ("", "--shape"),
         ("--radius-mm 100", "--electrodes"),

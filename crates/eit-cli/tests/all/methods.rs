@@ -377,8 +377,7 @@ fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
 /// The whole comparison in seconds: it contains every method and every file.
 #[test]
 fn report_compares_every_method() {
-    let folder = Folder::new();
-    let out = folder.path("report");
+    let (_folder, [out]) = Folder::with_paths(["report"]);
     let json = answer(format!("report --images --scenes paper-disc-60 --out {out}"));
     let rows = json["scenes"][0]["solvers"].as_array().unwrap();
     for method in METHODS {

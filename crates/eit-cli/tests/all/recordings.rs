@@ -14,7 +14,7 @@ fn make_pipe(path: &str) {
 #[test]
 fn recover_reports_what_is_missing() {
     let folder = Folder::new();
-    let (_, json, out) = record(&folder, &start(device("skin")), "3");
+    let (_, json, out) = record(&folder, &start(device("skin")), 3, 0);
     let mut bytes = read(&out);
     let all = number(&json, "frames");
     // a byte in the middle of the content of some chunk
@@ -36,8 +36,7 @@ fn recover_reports_what_is_missing() {
 /// Messages that are no frames are told, not called damage-free, and so is a recording of two set-ups.
 #[test]
 fn recover_does_not_call_other_content_undamaged() {
-    let folder = Folder::new();
-    let [from, to] = folder.paths(["a.mcap", "b.mcap"]);
+    let (folder, [from, to]) = Folder::with_paths(["a.mcap", "b.mcap"]);
     succeed(format!("convert {} --out {to}", folder.write("t.csv", "1,2\n")));
     let capture = eit_hw::capture::read(&to).unwrap();
     let session = capture.sessions().next().unwrap();
@@ -77,8 +76,7 @@ fn recover_does_not_call_other_content_undamaged() {
 /// Nor stray files; after SIGKILL the half has `.part` or a dot in its name.
 #[test]
 fn a_command_that_is_ended_leaves_no_half_files() {
-    let folder = Folder::new();
-    let whole = folder.path("whole.mcap");
+    let (folder, [whole]) = Folder::with_paths(["whole.mcap"]);
     let table = random_table(&folder, 6000);
     succeed(format!("convert {table} --out {whole}"));
     let names = || {
@@ -154,8 +152,7 @@ fn an_output_that_is_no_file_is_refused() {
 /// That would look complete; nor does a recording of ours without a frame.
 #[test]
 fn nothing_whole_is_refused_and_leaves_no_file() {
-    let folder = Folder::new();
-    let new = folder.path("new.mcap");
+    let (folder, [new]) = Folder::with_paths(["new.mcap"]);
     let noise = [MAGIC, &[0xa5; 5000]].concat();
     for (content, to, wanted) in [
         (&noise[..], "new.mcap", "damaged.mcap: its 5008 bytes hold no intact message"),
@@ -371,7 +368,7 @@ fn devices_without_an_end_are_no_files() {
 #[test]
 fn convert_keeps_what_a_recording_holds() {
     let folder = Folder::new();
-    let (_, json, out) = record(&folder, &start(device("skin")), "1");
+    let (_, json, out) = record(&folder, &start(device("skin")), 1, 0);
     let frames = &json["frames"];
     let [other, table, array, scene] = folder.paths(["b.mcap", "b.csv", "b.npy", "scene.toml"]);
     for (to, more) in [(&other, &*format!("--scene {scene}")), (&table, ""), (&array, "")] {
@@ -456,7 +453,7 @@ fn a_split_recording_is_one_recording_for_every_command() {
 fn live_total_variation_of_too_many_pixels_is_refused() {
     let folder = Folder::new();
     let emulator = start(device("skin"));
-    let (_, _, out) = record(&folder, &emulator, "1");
+    let (_, _, out) = record(&folder, &emulator, 1, 0);
     let content = read_text(scene(&folder));
     let too_many = "40 measurements on 648 x 648 pixels are too many for total variation of live frames: use at \
                     most 647";

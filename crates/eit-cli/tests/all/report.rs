@@ -5,8 +5,7 @@ use crate::common::*;
 /// Page, tables and pictures; meaningful errors; choices that are the best of their table.
 #[test]
 fn the_report_of_a_scene_is_whole() {
-    let folder = Folder::new();
-    let out = folder.path("report");
+    let (_folder, [out]) = Folder::with_paths(["report"]);
     let report = answer(format!("report --scenes single-frame --out {out}"));
     let scene = &report["scenes"][0];
     let solvers = scene["solvers"].as_array().unwrap();
@@ -87,8 +86,7 @@ fn check_forward(skin: &Value, name: &str) {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_report_keeps_what_it_has() {
-    let folder = Folder::new();
-    let out = folder.path("report");
+    let (_folder, [out]) = Folder::with_paths(["report"]);
     let names = ["hemisphere", "plate-with-hole", "patches"];
     let scenes = names.join(",");
     let child = emulated::spawn(format!("report --scenes {scenes},paper-disc-60 --out {out}"));

@@ -13,8 +13,7 @@ pub fn commands(help: &str) -> Vec<String> {
 
 #[test]
 fn every_command_has_a_manual_page() {
-    let folder = Folder::new();
-    let out = folder.path("man1");
+    let (_folder, [out]) = Folder::with_paths(["man1"]);
     let said = succeed(format!("man --out {out}"));
     let nested = commands("net --help").into_iter().map(|name| format!("net-{name}"));
     let names = commands("--help").into_iter().chain(nested);

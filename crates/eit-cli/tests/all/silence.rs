@@ -41,8 +41,8 @@ fn a_restart_that_nobody_heard_of_leads_to_a_new_set_up() {
             sent.clear();
         }
     });
-    let (output, json, out) = record(&folder, &emulator, "6");
-    says(&ended(&output, 0), "no frame for 0.5 s");
+    let (said, json, out) = record(&folder, &emulator, 6, 0);
+    says(&said, "no frame for 0.5 s");
     has(&json, json!({ "reconnections": 1, "ended_silent": false }));
     // set-up, 2 s of silence, set-up again: more than two seconds of frames remain
     assert!(number(&json, "frames") > 200.0, "{json}");
@@ -84,8 +84,7 @@ fn frames_of_an_unplugged_time_are_estimated() {
     let plan = FaultPlan { unplug_after_bytes, unplugged_s: 1.5, ..FaultPlan::default() };
     let listen = Listen::Tcp(format!("{}:0", own_host()));
     let emulator = Emulator::start(device("skin"), &listen, plan).unwrap();
-    let (output, json, _) = record(&folder, &emulator, "6");
-    ended(&output, 0);
+    let (_, json, _) = record(&folder, &emulator, 6, 0);
     let number = |key: &str| number(&json, key);
     assert_eq!((number("reconnections"), number("lost")), (1.0, 0.0), "{json}");
     // attempts to reconnect come at growing intervals, and take longer on a busy computer
@@ -111,8 +110,7 @@ fn silence_at_the_end_is_exit_code_3() {
             sent.clear();
         }
     });
-    let (output, json, _) = record(&folder, &emulator, "3");
-    ended(&output, 3);
+    let (_, json, _) = record(&folder, &emulator, 3, 3);
     assert_eq!(json["ended_silent"], true, "{json}");
     // up to 1.5 s after its start at 100 Hz, some of which the set-up takes
     assert!((20.0..150.0).contains(&number(&json, "frames")), "{json}");
@@ -146,8 +144,7 @@ fn a_count_that_begins_anew_or_jumps_loses_few_frames() {
             });
             *sent = out;
         });
-        let (output, json, out) = record(&folder, &emulator, "3");
-        ended(&output, 0);
+        let (_, json, out) = record(&folder, &emulator, 3, 0);
         // 3 s at 100 Hz, of which a third may pass while others occupy the processor; lost are the frame with
         // the impossible number, and one that it hides
         let [found, lost] = ["frames", "lost"].map(|key| number(&json, key));

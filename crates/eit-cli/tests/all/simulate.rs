@@ -9,8 +9,7 @@ const FAST: &str = "--nodes 1500 --frames 40";
 /// The rim is rigid, because the artefacts of moving electrodes are brighter than the finger.
 #[test]
 fn simulated_frames_reconstruct_from_their_own_scene() {
-    let folder = Folder::new();
-    let out = folder.path("touched");
+    let (folder, [out]) = Folder::with_paths(["touched"]);
     let scene = succeed("plan paper-disc --print-scene");
     let rigid = "\n[fabric.rim]\ncompliance = 0.0\ncontact_gain = 0.0\n";
     let scene = folder.write("scene.toml", format!("{scene}{rigid}"));
@@ -60,8 +59,7 @@ fn part_at_fingers(truth: &Array3<f64>, images: &Array3<f64>) -> f64 {
 /// one of a twentieth of the rounding, which no residual reaches: then the corner of the L-curve is taken.
 #[test]
 fn total_variation_does_not_explain_moving_electrodes() {
-    let folder = Folder::new();
-    let out = folder.path("random");
+    let (folder, [out]) = Folder::with_paths(["random"]);
     succeed(format!("simulate paper-disc --script random --out {out} --nodes 2500 --frames 60"));
     let truth: Array3<f64> = read_array(format!("{out}/truth_conductivity.npy"));
     let measured = read_text(format!("{out}/scene.toml"));

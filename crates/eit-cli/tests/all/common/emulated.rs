@@ -78,13 +78,12 @@ pub fn scene(folder: &Folder) -> String {
     folder.scene("[instrument]\ndriver = \"eits1\"\nport = \"unused\"\nframe_rate_hz = 100.0\n")
 }
 
-/// Runs `eit record` on it: the program's output, its answer, and the recording.
-pub fn record(folder: &Folder, emulator: &Emulator, seconds: &str) -> (Output, Value, String) {
-    let (scene, out, port) = (scene(folder), folder.path("out.mcap"), emulator.endpoint());
-    let line = format!("record {scene} --port {port} --out {out} --seconds {seconds}");
+/// Runs `eit record` on it and expects an exit code: stderr, the answer, and the recording.
+pub fn record(folder: &Folder, from: &Emulator, time_s: u32, code: i32) -> (String, Value, String) {
+    let (scene, out, port) = (scene(folder), folder.path("out.mcap"), from.endpoint());
+    let line = format!("record {scene} --port {port} --out {out} --seconds {time_s}");
     let output = eit(line + " --json");
-    let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-    (output, json, out)
+    (ended(&output, code), parse(&stdout(&output)), out)
 }
 
 /// A running `eit emulate`; stopped when dropped: the system may give the terminal behind its path to another test.

@@ -158,6 +158,13 @@ impl Folder {
         (folder, scene)
     }
 
+    /// A folder and paths of files in it.
+    pub fn with_paths<const N: usize>(names: [&str; N]) -> (Self, [String; N]) {
+        let folder = Self::new();
+        let paths = folder.paths(names);
+        (folder, paths)
+    }
+
     /// Path of a file in it.
     pub fn path(&self, name: &str) -> String {
         self.0.path().join(name).to_str().unwrap().to_owned()
