@@ -264,10 +264,9 @@ fn a_recording_that_begins_under_a_finger_shows_it() {
 /// That the instrument repeats an old frame. A new flag has to be in one of these lists.
 #[test]
 fn every_output_says_that_the_instrument_is_frozen() {
-    const HERE: [&str; 3] = ["json-lines", "out", "record"];
-    // tests of eit-publish: `web::what_is_known_of_the_skin_is_said_in_every_output`,
-    // `zenoh_sink::a_subscriber_gets_every_frame`, `foxglove_sink::a_recording_holds_scene_image_and_log`
-    const THERE: [&str; 5] = ["udp", "web", "zenoh", "foxglove", "foxglove-record"];
+    const HERE: [&str; 5] = ["json-lines", "udp", "web", "out", "record"];
+    // tests of eit-publish: `zenoh_sink::a_subscriber_gets_every_frame`, `foxglove_sink::a_recording_holds_scene_image_and_log`
+    const THERE: [&str; 3] = ["zenoh", "foxglove", "foxglove-record"];
     // and a picture of the last image, which has no words but its time
     const OTHERS: &str = "color picture port seconds frames reference-frames split-mb split-s latest frame-id \
                           ros-domain zenoh-connect zenoh-listen zenoh-config zenoh-every-frame json quiet threads \
@@ -283,14 +282,34 @@ fn every_output_says_that_the_instrument_is_frozen() {
     // two seconds of the untouched skin, then the last frame again and again
     let skin = Skin::sending(100.0, 400, |frame| if frame < 200 { frame % 100 } else { 99 });
     let [out, record] = skin.folder.paths(["out", "frozen.mcap"]);
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(LIMIT)).unwrap();
+    let address = receiver.local_addr().unwrap();
     let files = format!("--out {out} --record {record} --frames 500");
-    let (told, _) = lines(format!("live {} --json-lines {files}", skin.scene));
-    assert!(told.iter().any(|line| line["state"] == "frozen"), "lines");
+    let outputs = format!("--json-lines --udp {address} --web=127.0.0.1:0 {files}");
+    let mut child = spawn(format!("live {} {outputs}", skin.scene));
+    let mut page = ask(&first_said(&mut child), "GET", "/events");
+    let is_told = |line: &str| line.contains(r#""state":"frozen""#);
+    let page = std::thread::spawn(move || page.any(|line| is_told(&line)));
+    let datagrams = std::thread::spawn(move || {
+        let mut datagram = [0; 65_536];
+        loop {
+            let size = receiver.recv(&mut datagram).unwrap();
+            let line = std::str::from_utf8(&datagram[..size]).unwrap();
+            if is_told(line) || line.contains(r#""ended""#) {
+                return is_told(line);
+            }
+        }
+    });
+    let told = printed(&mut child).filter(|line| is_told(line)).count();
+    assert!(child.wait().unwrap().success());
+    let [datagrams, page] = [datagrams, page].map(|output| output.join().unwrap());
+    assert!(told > 0 && datagrams && page, "{told} lines, datagrams {datagrams}, page {page}");
     let csv = read_text(format!("{out}/touches.csv"));
     assert!(csv.lines().any(|row| row.ends_with(",frozen")), "touches.csv: {csv}");
     let capture = eit_hw::capture::read(&record).unwrap();
     let is_frozen = |entry: &eit_hw::capture::Entry| match entry {
-        eit_hw::capture::Entry::Touches(line) => line.json().contains(r#""state":"frozen""#),
+        eit_hw::capture::Entry::Touches(touches) => is_told(touches.json()),
         _ => false,
     };
     assert!(capture.entries.iter().any(is_frozen), "the recording");
