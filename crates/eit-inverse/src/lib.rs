@@ -2,11 +2,12 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![deny(clippy::missing_errors_doc)]
 
-// Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
+// Dependency order of the modules: error, check, geometry, assign; then data, noise, prior; then one_step,
 // sequence and st_tv. touch uses metrics; calibration uses data; learn uses touch.
 // No two files import each other.
 #[cfg(feature = "serde")]
 mod absent;
+mod assign;
 mod calibration;
 mod check;
 mod data;

@@ -11,11 +11,10 @@
 //! | `points.rs` | [`TouchTracker`]: ids and velocities of detected touches |
 //! | `contact.rs` | [`Touch`]: what is reported for each touch |
 //! | `score/` | [`ScoreDetector`]: the same by one model and one score |
-//! | `assign.rs`, `filter.rs`, `motion.rs` | optimal assignment, Kalman filter, rest or motion |
+//! | `filter.rs`, `motion.rs` | Kalman filter, rest or motion |
 //! | `skin.rs` | points on a surface and tangent planes |
 //! | `twins.rs` | [`Twins`]: places that a protocol cannot tell apart |
 
-mod assign;
 mod contact;
 mod detector;
 mod filter;

@@ -3,12 +3,9 @@
 use super::cells::{Cells, check_place};
 use super::{ChangeSign, sizes};
 use crate::InverseError;
+use crate::assign::Assignment;
 use crate::check::check_range;
 use crate::geometry::distance_m;
-
-/// Most true touches per image: the exact assignment keeps a table of `2^touches` entries for each blob (10
-/// touches: 2 kB).
-const MOST_TOUCHES: usize = 10;
 
 /// A connected part of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -121,15 +118,13 @@ pub struct TouchErrors<const D: usize> {
 ///
 /// Blobs ([`blobs`]) and touches are paired one to one, at most [`within_m`](TouchSettings::within_m)
 /// apart: as many pairs as possible, and among those pairings one with the smallest sum of distances. The
-/// pairing is exact (dynamic programming over subsets of touches, `blobs x touches x 2^touches` steps),
-/// which limits the number of touches. Among equal pairings the choice is arbitrary but always the same.
+/// pairing is exact. Among equal pairings the choice is arbitrary but always the same.
 /// Without true touches every blob is extra.
 ///
 /// This is a figure of merit for known truth and not a tracker: it knows the number of touches.
 ///
 /// # Errors
-/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for invalid settings, more than 10 touches,
-/// or non-finite positions.
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for invalid settings or non-finite positions.
 pub fn touch_position_errors_m<const D: usize>(
     values: &[f64],
     cells: &Cells<D>,
@@ -137,7 +132,6 @@ pub fn touch_position_errors_m<const D: usize>(
     settings: &TouchSettings,
 ) -> Result<TouchErrors<D>, InverseError> {
     let count = touches_m.len();
-    check_range("number of touches", count as f64, count <= MOST_TOUCHES, "at most 10")?;
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
     check_range("within_m", settings.within_m, settings.within_m >= 0.0, "at least 0")?;
     let blobs = blobs(values, cells, settings.sign, settings.level)?;
@@ -154,50 +148,18 @@ pub fn touch_position_errors_m<const D: usize>(
     Ok(TouchErrors { errors_m, centres_m, missed, extra })
 }
 
-/// Cost of a pairing: unpaired touches, then the sum of distances, metres.
-type Cost = (usize, f64);
-
-/// Returns the blob of each touch, by dynamic programming over sets of touches (one bit each):
-/// `best(b + 1, set) = min(best(b, set), min over t in set of best(b, set - t) + distance(b, t))`.
-/// `distances` is `[blob][touch]`.
+/// Returns the blob of each touch; `distances` is `[blob][touch]`.
 fn assign(distances: &[Vec<f64>], touches: usize, within_m: f64) -> Vec<Option<usize>> {
-    let sets = 1_usize << touches;
-    let cheaper = |a: Cost, b: Cost| a.0 < b.0 || (a.0 == b.0 && a.1 < b.1);
-    // best cost with exactly this set paired; before the first blob only the empty set is possible
-    let mut best: Vec<Option<Cost>> = vec![None; sets];
-    best[0] = Some((touches, 0.0));
-    let mut choices: Vec<Vec<Option<u8>>> = Vec::with_capacity(distances.len());
-    for row in distances {
-        let mut choice = vec![None; sets];
-        // in descending order, so that a set without one of its touches still has its cost from before this
-        // blob
-        for set in (0..sets).rev() {
-            for (touch, &distance) in (0_u8..).zip(row) {
-                let rest = set & !(1 << touch);
-                let Some((left, sum)) = best[rest].filter(|_| rest != set) else { continue };
-                let cost = (left - 1, sum + distance);
-                if distance <= within_m && best[set].is_none_or(|old| cheaper(cost, old)) {
-                    best[set] = Some(cost);
-                    choice[set] = Some(touch);
-                }
-            }
-        }
-        choices.push(choice);
-    }
-    let mut set = 0;
-    for candidate in 1..sets {
-        if let (Some(cost), Some(old)) = (best[candidate], best[set])
-            && cheaper(cost, old)
-        {
-            set = candidate;
-        }
-    }
-    let mut blob_of_touch = vec![None; touches];
-    for (blob, choice) in choices.iter().enumerate().rev() {
-        if let Some(touch) = choice[set] {
-            blob_of_touch[usize::from(touch)] = Some(blob);
-            set &= !(1 << touch);
-        }
-    }
-    blob_of_touch
+    let blobs = distances.len();
+    // a touch without a blob costs more than all distances together, one with a blob too far away even more
+    let alone: f64 = 1.0 + distances.iter().flatten().filter(|&&d| d <= within_m).sum::<f64>();
+    let cost = |touch: usize, blob: usize| match distances.get(blob) {
+        Some(row) if row[touch] <= within_m => row[touch],
+        Some(_) => 2.0 * alone,
+        None => alone,
+    };
+    let columns = blobs + touches;
+    let mut assignment = Assignment::new(touches, columns);
+    let found = assignment.solve(touches, columns, cost);
+    found.iter().map(|&blob| Some(blob).filter(|&blob| blob < blobs)).collect()
 }

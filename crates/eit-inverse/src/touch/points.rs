@@ -4,11 +4,11 @@ mod settings;
 
 pub use settings::TrackerSettings;
 
-use super::assign::Assignment;
 use super::contact::{Touch, TouchState};
 use super::detector::DetectedTouch;
 use super::motion::Motion;
 use crate::InverseError;
+use crate::assign::Assignment;
 use crate::geometry::distance_m;
 
 /// Cost of a forbidden pair: above any sum of squared gates.

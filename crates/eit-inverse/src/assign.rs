@@ -1,8 +1,8 @@
-//! Optimal assignment of rows to columns.
+//! Optimal assignment of rows to columns: touches to blobs, tracks to touches.
 
 /// Workspace for assignments up to a given size; solving does not allocate.
 #[derive(Debug, Clone)]
-pub(super) struct Assignment {
+pub(crate) struct Assignment {
     columns: usize,
     /// Row-major, `columns` per row.
     costs: Vec<f64>,
@@ -18,7 +18,7 @@ pub(super) struct Assignment {
 
 impl Assignment {
     /// Allocates for at most this many rows and columns.
-    pub(super) fn new(rows: usize, columns: usize) -> Self {
+    pub(crate) fn new(rows: usize, columns: usize) -> Self {
         Self {
             columns: 0,
             costs: vec![0.0; rows * columns],
@@ -38,7 +38,7 @@ impl Assignment {
     ///
     /// Shortest augmenting paths with potentials, `rows^2 columns` steps (Kuhn 1955; Jonker, Volgenant,
     /// *Computing* 38 (1987), 325-340). Column 0 holds the row that is being assigned.
-    pub(super) fn solve(
+    pub(crate) fn solve(
         &mut self,
         rows: usize,
         columns: usize,
