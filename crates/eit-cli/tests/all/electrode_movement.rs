@@ -206,7 +206,7 @@ fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     let stage = stage(&moves).unwrap();
     assert!(stage["size"].as_str().unwrap().starts_with("[40, 16], taken out of [40, "), "{stage}");
     assert!(stage["why"].as_str().unwrap().contains("0.20 mm"), "{stage}");
-    assert!(number(&stage, "expected_time_s") > 0.0);
+    assert!(number(stage, "expected_time_s") > 0.0);
 
     // a mesh chosen for accuracy has elements with known derivatives along displacements
     let accurate = altered("edge_m = 0.012", "required_accuracy = 3e-3");

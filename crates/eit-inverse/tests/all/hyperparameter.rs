@@ -67,7 +67,7 @@ fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
         let image = inverse.reconstruct(&target.signal_v, &ZERO).unwrap();
         let signal = image.iter().zip(areas).map(|(x, a)| x.abs() * a).sum::<f64>() / total;
         let draws = 2000;
-        let noise = random.normals(draws, 208) * &aview1(&noise_std);
+        let noise = random.normals(draws, 208) * aview1(&noise_std);
         let images = inverse.reconstruct_frames(noise.view(), &ZERO).unwrap();
         let energy = images.axis_iter(Axis(1)).zip(areas).map(|(x, a)| square(x) * a).sum::<f64>();
         let variance = energy / draws as f64 / total;

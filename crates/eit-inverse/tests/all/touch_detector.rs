@@ -138,7 +138,7 @@ fn what_quiet_frames_do_is_no_touch() {
     let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
     let wave_v = TRUTH.jacobian.dot(&change);
     let on_wave = |values: &[f64], random: &mut Random| {
-        let waved = random.normal() * &wave_v + &aview1(values);
+        let waved = random.normal() * &wave_v + aview1(values);
         random.noisy(&waved.to_vec(), SKIN.noise_std_v[0])
     };
     let quiet_v = [0; 60].map(|_| Array1::from(on_wave(&SKIN.model_v, &mut random)));

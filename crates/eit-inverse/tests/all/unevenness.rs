@@ -26,7 +26,7 @@ fn field(random: &mut Random, amplitude: f64) -> impl Fn(&[f64; 3]) -> f64 + use
 /// Reference voltages of a sheet `exp(field)`, to first order, each with an error of 0.1 %.
 fn reference(random: &mut Random, disc: &Disc, field: &impl Fn(&[f64; 3]) -> f64) -> Vec<f64> {
     let change: Array1<f64> = disc.surface.centroids().iter().map(field).collect();
-    let voltages = disc.jacobian.dot(&change) + &aview1(&SKIN.model_v);
+    let voltages = disc.jacobian.dot(&change) + aview1(&SKIN.model_v);
     voltages.iter().map(|v| v * (1.0 + 1e-3 * random.normal())).collect()
 }
 
