@@ -151,10 +151,13 @@ pub fn touch_position_errors_m<const D: usize>(
 /// Returns the blob of each touch; `distances` is `[blob][touch]`.
 fn assign(distances: &[Vec<f64>], touches: usize, within_m: f64) -> Vec<Option<usize>> {
     let blobs = distances.len();
-    // a touch without a blob costs more than all distances together, one with a blob too far away even more
-    let alone: f64 = 1.0 + distances.iter().flatten().filter(|&&d| d <= within_m).sum::<f64>();
+    let is_near = |d: f64| d <= within_m && d.is_finite();
+    let near = distances.iter().flatten().copied().filter(|&d| is_near(d));
+    let largest = near.fold(f64::MIN_POSITIVE, f64::max);
+    // pairs cost at most 1: a touch without a blob costs more than all of them, one with a blob too far away even more
+    let alone = touches as f64 + 1.0;
     let cost = |touch: usize, blob: usize| match distances.get(blob) {
-        Some(row) if row[touch] <= within_m => row[touch],
+        Some(row) if is_near(row[touch]) => row[touch] / largest,
         Some(_) => 2.0 * alone,
         None => alone,
     };

@@ -349,6 +349,9 @@ fn touches_are_paired_with_blobs() {
     assert_eq!((found.errors_m[2], found.centres_m[2]), (None, None));
     assert_eq!(count(errors(&[], &settings)), (0, 3));
     assert_eq!(count(errors(&[[0.0; 2]; 11], &settings)), (8, 0));
+    // far beyond any skin; the first distance overflows
+    assert_eq!(count(errors(&[[1e200, 0.0]], &settings)), (1, 3));
+    assert_eq!(count(errors(&[[1e150, 0.0], [0.0, 1e150]], &settings)), (0, 1));
     assert_eq!(count(errors(&truth, &TouchSettings { sign: Decrease, ..settings })), (3, 0));
 
     let refused = |truth: &[[f64; 2]], settings: TouchSettings| {
