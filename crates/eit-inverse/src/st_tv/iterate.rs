@@ -132,44 +132,48 @@ struct Iterate<'a, T: Project, D> {
 impl<T: Project, D: Differences<T>> WithSimd for Iterate<'_, T, D> {
     type Output = ();
 
+    /// Each part is called at one place, because every call is compiled for all widths, types and layouts.
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let frames = self.state.frames;
         let groups = frames.div_ceil(TOGETHER);
-        for group in 0..groups {
-            self.descend_group(simd, group);
-        }
-        for k in 0..self.count {
-            let is_last = k + 1 == self.count;
-            // the first group whose forces are not computed again yet
-            let mut waiting = 0;
-            for group in 0..groups {
-                self.fit(group);
-                self.ascend_group(simd, group, is_last);
-                if self.chain.is_some() {
-                    continue;
-                }
-                for frame in self.group(group) {
-                    if frame > 0 && !self.state.duals.links.is_empty() {
-                        self.link_step(frame);
-                    }
-                    self.flow_step(frame);
-                }
-                // the forces on the group before are complete, and its arrays still in cache
-                if group > 0 && !is_last {
-                    self.descend_group(simd, group - 1);
-                    waiting = group;
-                }
-            }
-            if self.chain.is_some() {
-                self.chain_steps();
-                for frame in 0..frames {
-                    self.flow_step(frame);
-                }
-            }
-            for group in if is_last { groups } else { waiting }..groups {
+        let is_chained = self.chain.is_some();
+        let is_linked = !is_chained && !self.state.duals.links.is_empty();
+        let (mut done, mut group) = (0, 0);
+        // groups with complete forces
+        let mut complete = 0..groups;
+        loop {
+            for group in complete {
                 self.descend_group(simd, group);
             }
+            if done == self.count || groups == 0 {
+                return;
+            }
+            let (is_last, is_end) = (done + 1 == self.count, group + 1 == groups);
+            self.fit(group);
+            self.ascend_group(simd, group, is_last);
+            if is_chained && is_end {
+                self.chain_steps();
+            }
+            for frame in match (is_chained, is_end) {
+                (false, _) => self.group(group),
+                (true, false) => 0..0,
+                (true, true) => 0..frames,
+            } {
+                if is_linked && frame > 0 {
+                    self.link_step(frame);
+                }
+                self.flow_step(frame);
+            }
+            // those of the group before are complete, and its arrays still in cache
+            let before = if is_chained { 0 } else { group.saturating_sub(1) };
+            complete = match (is_last, is_end) {
+                (true, _) => 0..0,
+                (false, true) => before..groups,
+                (false, false) if is_chained => 0..0,
+                (false, false) => before..group,
+            };
+            (done, group) = if is_end { (done + 1, 0) } else { (done, group + 1) };
         }
     }
 }
