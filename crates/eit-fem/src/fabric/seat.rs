@@ -5,7 +5,7 @@
 //! holds for touches much smaller than the radius of curvature. On a flat skin it is exact.
 
 use crate::error::FemError;
-use eit_core::vector::{along, dot, normal, sub, unit};
+use eit_core::vector::{along, distance, dot, normal, sub, unit};
 use eit_mesh::Surface;
 
 /// Least z of a unit normal. Steeper places are not seen from +z.
@@ -77,8 +77,7 @@ impl Seat {
 
     /// Distance of a place, metres.
     pub(crate) fn distance_m(&self, place_m: [f64; 3]) -> f64 {
-        let [x, y, z] = sub(place_m, self.place_m);
-        x.hypot(y).hypot(z)
+        distance(place_m, self.place_m)
     }
 }
 
