@@ -89,6 +89,32 @@ fn a_reference_taken_back_shows_no_touch() {
     assert!(!as_it_is.touches().is_empty());
 }
 
+/// A finger slides 7 cm between two frames, and the fabric keeps 3 % of it on its way: no touch once it has lifted,
+/// unless no finger is as fast.
+#[test]
+fn a_slide_between_two_frames_leaves_nothing() {
+    let strength = 6.0 * FINGER;
+    let [from, to] = [[0.04, 0.0], [-0.03, 0.0]];
+    // bells that far apart add to an even ridge
+    let way = [1, 2, 3, 4, 5].map(|k| ([0.04 - 0.07 * f64::from(k) / 6.0, 0.0], 0.03 * strength));
+    let pressed =
+        [vec![], vec![(from, strength)], [&way[..], &[(to, strength)]].concat(), way.to_vec()];
+    for (dt_s, leaves) in [(0.125, false), (0.05, true)] {
+        let mut random = Random::new(13);
+        let mut detector = SKIN.detector(LEAST);
+        let mut shown = Vec::new();
+        for touches in &pressed {
+            for _ in 0..8 {
+                let frame = noisy(&mut random, touches);
+                detector.push(&frame, |_| false, dt_s).unwrap();
+                shown.push(detector.touches().len());
+            }
+        }
+        assert_eq!(shown[..24], [[0; 8], [1; 8], [1; 8]].concat(), "{dt_s} s: {shown:?}");
+        assert_eq!(shown[24..].iter().any(|count| *count > 0), leaves, "{dt_s} s: {shown:?}");
+    }
+}
+
 /// Ten minutes at 2 Hz, and a minute after it.
 #[test]
 fn a_held_touch_stays_and_leaves_nothing() {

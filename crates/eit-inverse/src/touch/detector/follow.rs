@@ -78,7 +78,8 @@ impl TouchDetector {
         let fade = if is_touched { 0.0 } else { weight };
         let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
         let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
-        self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
+        let skin = (&self.places, &self.dictionary);
+        self.memory.take(&self.touch_v, touches, dt_s, fade, skin, &self.settings);
         self.late.take(&best.spots, &best.strengths, &self.places, &self.settings, dt_s);
         self.before.take(&best.spots, &self.errors_m, dt_s);
         self.weak.clone_from(&self.search.weak);

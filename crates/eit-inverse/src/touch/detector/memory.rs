@@ -1,11 +1,12 @@
 //! The fabric's memory of touches: settling after a change of load, and hysteresis where it was pressed.
 
 use super::dictionary::Dictionary;
-use super::places::Spot;
+use super::places::{Places, Spot};
 use super::rows::Rows;
 use super::settings::DetectorSettings;
 use super::vectors::dot;
 use super::whitening::Whitening;
+use crate::geometry::distance_m;
 
 /// Memory columns whose whitened squared length is below this are ignored.
 const FAINT: f64 = 1.0;
@@ -23,6 +24,9 @@ const WIDTH_RADII: f64 = 1.77;
 
 /// Touches of successive frames within this distance are the same one, metres.
 const SAME_M: f64 = 0.03;
+
+/// Speed up to which a finger may have slid from one touch to the next, metres per second: that of a fast swipe.
+const FASTEST_M_PER_S: f64 = 1.0;
 
 /// Fraction of its initial size below which a trail is discarded.
 const FORGOTTEN: f64 = 1e-3;
@@ -144,7 +148,7 @@ impl Memory {
         touches: impl Iterator<Item = (Spot, f64, f64)>,
         dt_s: f64,
         fade: f64,
-        dictionary: &Dictionary,
+        (places, dictionary): (&Places, &Dictionary),
         settings: &DetectorSettings,
     ) {
         for (memory, time_s) in self.settling.iter_mut().zip(settings.settling_s) {
@@ -163,10 +167,37 @@ impl Memory {
             }
         }
         self.next.clear();
-        for touch in touches {
+        let mut touches = touches.peekable();
+        while let Some(touch) = touches.next() {
+            if self.next.is_empty() && touches.peek().is_none() {
+                self.lay_way(touch, dt_s, (places, dictionary), settings);
+            }
             self.lay(touch, dictionary, settings);
         }
         std::mem::swap(&mut self.pressed, &mut self.next);
+    }
+
+    /// Adds the only touch of a frame to the trails, once per width of the straight way from the only one of the frame
+    /// before, if it is too far away to be the same: a finger may have slid from there. (Of several fingers it is not
+    /// known which one did.)
+    fn lay_way(
+        &mut self,
+        (spot, strength, _): (Spot, f64, f64),
+        dt_s: f64,
+        (places, dictionary): (&Places, &Dictionary),
+        settings: &DetectorSettings,
+    ) {
+        let &[(from, before)] = self.pressed.as_slice() else { return };
+        let [a, b] = [from.position_m, spot.position_m];
+        let length_m = distance_m(a, b);
+        if !(SAME_M..FASTEST_M_PER_S * dt_s).contains(&length_m) {
+            return;
+        }
+        let widths = (length_m / (WIDTH_RADII * settings.radius_m)).ceil();
+        for k in 1..widths as usize {
+            let at = [0, 1, 2].map(|i| a[i] + k as f64 / widths * (b[i] - a[i]));
+            self.add(&places.nearest(at), before.min(strength), 1.0, dictionary, settings);
+        }
     }
 
     /// Adds one touch to a trail: its peak strength where it rests, its strength once per width
@@ -177,7 +208,6 @@ impl Memory {
         dictionary: &Dictionary,
         settings: &DetectorSettings,
     ) {
-        use crate::geometry::distance_m;
         let way = |p: &(Spot, f64)| distance_m(p.0.position_m, spot.position_m);
         let nearest = self.pressed.iter().min_by(|a, b| way(a).total_cmp(&way(b)));
         let (from, before) = match nearest {
@@ -194,14 +224,28 @@ impl Memory {
             (0.0, (from, before))
         };
         self.next.push(kept);
-        if part == 0.0 || self.trails.is_empty() {
+        if part > 0.0 {
+            self.add(&spot, strength, part, dictionary, settings);
+        }
+    }
+
+    /// Adds a part of a touch to the current trail, or begins another one.
+    fn add(
+        &mut self,
+        spot: &Spot,
+        strength: f64,
+        part: f64,
+        dictionary: &Dictionary,
+        settings: &DetectorSettings,
+    ) {
+        if self.trails.is_empty() {
             return;
         }
         if self.laid[self.current] >= settings.trail_widths && self.trails.len() > 1 {
             self.rotate();
         }
         let trail = &mut self.trails[self.current];
-        dictionary.add_volts(&spot, strength * part, trail);
+        dictionary.add_volts(spot, strength * part, trail);
         self.laid[self.current] += part;
     }
 
