@@ -193,7 +193,9 @@ impl Memory {
         if !(SAME_M..FASTEST_M_PER_S * dt_s).contains(&length_m) {
             return;
         }
-        let widths = (length_m / (WIDTH_RADII * settings.radius_m)).ceil();
+        // no finer than the positions, however small the bell is
+        let width_m = (WIDTH_RADII * settings.radius_m).max(places.spacing_m);
+        let widths = (length_m / width_m).ceil();
         for k in 1..widths as usize {
             let at = [0, 1, 2].map(|i| a[i] + k as f64 / widths * (b[i] - a[i]));
             self.add(&places.nearest(at), before.min(strength), 1.0, dictionary, settings);
